@@ -1,0 +1,55 @@
+.DEFAULT_GOAL := help
+
+PYTHON ?= python3.11
+BIN := .venv/bin
+PIP := -qq --disable-pip-version-check -c constraints.txt # errors only
+NEEDS := HIDE-SEEK needs Python 3.11 with its venv module. On Debian: \
+	apt-get install git make python3.11 python3.11-venv (elsewhere: make setup PYTHON=/path/to/python3.11)
+
+.PHONY: help setup run test check gates lock clean
+
+help: ## Show this list
+	@awk -F ':.*## ' '/^[a-z]+:.*## /{printf "  make %-6s  %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+
+setup: .venv/.warm ## Create .venv with everything in it; does nothing when it is up to date
+
+run: setup ## Evaluate the built-in policies and print a table
+	$(BIN)/python -m server.first_run
+
+test: check ## Set up, check, then run all tests that need no GPU
+	$(BIN)/pytest -n 2 --durations=10 -m "not gpu"
+
+check: setup ## Lint, format, types, import rules
+	$(BIN)/ruff check
+	$(BIN)/ruff format --check
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+
+gates: setup ## Run every gate on every episode and record the result
+	$(BIN)/python -m hide_tasks.gates
+
+# The release of torch is fixed in pyproject.toml, so resolving it along cannot pull another one.
+lock: ## Resolve every dependency anew and write constraints.txt
+	rm -rf build/lock && $(PYTHON) -m venv build/lock
+	build/lock/bin/pip install --quiet hatchling '.[seek,dask,postgres,dev]'
+	{ echo '# Every version an installation may use. Written by `make lock`.'; \
+	  build/lock/bin/pip freeze --exclude hide-seek 2>/dev/null | sed 's/+.*//'; } > build/constraints.txt
+	mv build/constraints.txt constraints.txt && rm -rf build/lock
+
+clean: ## Remove everything that setup, checks and tests leave behind
+	rm -rf .venv .hypothesis .import_linter_cache .mypy_cache .pytest_cache .ruff_cache build dist
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +
+
+.venv/.installed: pyproject.toml constraints.txt
+	@$(PYTHON) -c 'import sys, ensurepip, venv; assert sys.version_info[:2] == (3, 11)' 2>/dev/null \
+		|| { echo '$(NEEDS)' >&2; exit 1; }
+	@echo 'Installing into .venv; the first time this takes a few minutes.'
+	$(PYTHON) -m venv .venv
+	$(BIN)/pip install $(PIP) hatchling
+	$(BIN)/pip install $(PIP) --no-build-isolation -e '.[dev]'
+	@touch $@
+
+# Kernels are compiled before several processes want them at the same time.
+.venv/.warm: .venv/.installed $(wildcard hide_tasks/bullet/*.py)
+	$(BIN)/python -m hide_tasks.bullet.warm
+	@touch $@

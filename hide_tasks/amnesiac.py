@@ -1,0 +1,75 @@
+"""The perfect policy without memory: perfect perception, perfect skills, no history.
+
+At every decision it knows the scene, the instruction and the expert's scripts of every history
+that fits the instruction. Its candidates are the script points that look like the present; it
+chooses among their next keyframes with weights that the certificate optimised on train.
+"""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from hide_tasks.bullet.world import World
+from hide_tasks.contract import Action, EpisodeSpec, Observation
+from hide_tasks.likeness import alike, likeness
+from hide_tasks.script import Point, library, same_action
+from hide_tasks.certificates import committed
+
+Options = dict[str, Point]  # by the name of the stage that they begin or go on with
+
+
+def signature(points: Sequence[Point]) -> str:
+    """What the scripts of an episode and its twins consist of; mixes are kept by it."""
+    runs: dict[int, list[str]] = {}
+    for point in points:
+        runs.setdefault(point.twin, []).append(point.stage)
+    return " / ".join(_folded(stages) for stages in runs.values())
+
+
+def _folded(stages: Sequence[str]) -> str:
+    counts = [(name, stages.count(name)) for name in dict.fromkeys(stages)]
+    return ", ".join(f"{name} x{count}" for name, count in counts)
+
+
+def options(points: Sequence[Point], observation: Observation) -> Options:
+    """The different next keyframes of the script points that look like an observation.
+
+    When nothing looks like it (the policy has led itself astray) the nearest point alone counts.
+    """
+    matching = [point for point in points if alike(point.observation, observation)]
+    if not matching:
+        matching = [min(points, key=lambda p: likeness(p.observation, observation).distance)]
+    found: Options = {}
+    for point in matching:
+        if not any(same_action(point.next, other.next) for other in found.values()):
+            name = point.stage if point.stage not in found else f"{point.stage} {point.keyframes}"
+            found[name] = point
+    return found
+
+
+class Amnesiac:
+    """Chooses by the mixes of the certificate, or by those that it is given."""
+
+    def __init__(self, mixes: Mapping[str, Mapping[str, float]] | None = None):
+        self.mixes = mixes
+
+    def bind(self, world: World, spec: EpisodeSpec) -> None:
+        """Take the episode whose scripts it may know."""
+        self.spec = spec
+
+    def reset(self, instruction: str, policy_seed: int) -> None:
+        """Learn the scripts of this scene; nothing of this episode is kept after a decision."""
+        self.points = library(self.spec)
+        self.rng = np.random.default_rng(policy_seed)
+        mixes = committed(self.spec.task).get("mixes", {}) if self.mixes is None else self.mixes
+        self.weights: Mapping[str, float] = mixes.get(signature(self.points), {})
+
+    def act(self, observation: Observation) -> Action:
+        """One of the candidates' next keyframes."""
+        found = options(self.points, observation)
+        return found[self.choose(list(found))].next
+
+    def choose(self, names: Sequence[str]) -> str:
+        """One of the options' names, by the mix; options that it does not name weigh 1."""
+        weights = np.array([self.weights.get(name, 1.0) for name in names]) + 1e-12
+        return str(self.rng.choice(names, p=weights / weights.sum()))

@@ -1,0 +1,73 @@
+"""What the joints of an asset do by themselves: spring back, stick, snap shut, lock each other."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import pybullet as bullet
+from pybullet_utils.bullet_client import BulletClient
+
+from hide_tasks.assets.asset import Asset, Joint
+
+SNAP = 15.0  # N that pulls a joint shut within its detent
+LOCK = 1000.0  # N with which an interlocked joint stays shut
+SHUT = 2e-4  # m or rad: nearer than this it is put at exactly zero
+SLOW = 0.01  # m/s or rad/s
+
+
+class Mechanics:
+    """The joints of one asset. Acts once per physics step, changes motors only when needed."""
+
+    def __init__(self, client: BulletClient, body: int, asset: Asset):
+        self.client, self.body = client, body
+        self.joints = [link.joint for link in asset.links[1:] if link.joint]
+        self.interlocked = asset.interlocked
+        self.modes = [""] * len(self.joints)
+        self.still = True
+        self._plain = not any(joint.detent for joint in self.joints)
+        for index, joint in enumerate(self.joints):
+            self._set(index, "spring" if joint.spring else "shut" if _shut(joint) else "free")
+
+    def act(self, states: Sequence[Any], held_link: int | None) -> None:
+        """React to the joints' states as read after a step."""
+        self.still = all(abs(state[1]) < SLOW for state in states)
+        if self._plain:
+            return
+        opened = self._opened(states) if self.interlocked else None
+        for index, (joint, state) in enumerate(zip(self.joints, states, strict=True)):
+            self._set(index, self._mode(index, joint, state[0], held_link, opened))
+            if self.modes[index] == "shut" and 0 != state[0] < SHUT and abs(state[1]) < SLOW:
+                self.client.resetJointState(self.body, index, 0.0)
+
+    def _opened(self, states: Sequence[Any]) -> int | None:
+        for index, state in enumerate(states):
+            if state[0] > self.joints[index].detent:
+                return index
+        return None
+
+    def _mode(
+        self, index: int, joint: Joint, reading: float, held_link: int | None, opened: int | None
+    ) -> str:
+        if opened is not None and opened != index:
+            return "locked"
+        if reading < joint.detent and held_link != index + 1:
+            return "shut"
+        return "free"
+
+    def _set(self, index: int, mode: str) -> None:
+        if self.modes[index] == mode:
+            return
+        self.modes[index] = mode
+        joint = self.joints[index]
+        if mode == "free":
+            self.client.setJointMotorControl2(
+                self.body, index, bullet.VELOCITY_CONTROL, targetVelocity=0, force=joint.friction
+            )
+            return
+        force = {"spring": joint.spring, "shut": SNAP, "locked": LOCK}[mode]
+        self.client.setJointMotorControl2(
+            self.body, index, bullet.POSITION_CONTROL, targetPosition=0, force=force
+        )
+
+
+def _shut(joint: Joint) -> bool:
+    return joint.start < joint.detent

@@ -1,0 +1,296 @@
+"""Kernels that colour a drawn frame: a sun with a soft shadow map, a sky and a ground.
+
+Light is linear and a byte is its square root: a gamma of 2, which every machine rounds alike.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from hide_tasks.bullet.meshes import ByteArray, FloatArray, IntArray
+from hide_tasks.bullet.raster_draw import Frame, Placed, Shapes, kernel
+
+SHADOW_BIAS = 0.003  # m towards the sun; with less, curved faces shade themselves
+GRAZING = 0.15  # cosine below which the shadow is not followed down a slope
+LIGHTS = 11  # values of a face's light: see _light_faces
+LINES = 10  # values of a pixel while its row is coloured
+DEPTH, U, V, H, SUN, AROUND, MIRROR, LIT, GAIN, GLOSS = range(LINES)
+
+
+class Lighting(NamedTuple):
+    """Light, linear with 1 for white, and background."""
+
+    to_sun: FloatArray = np.array([0.42, 0.50, 1.0])  # direction, world, of any length
+    sun: float = 0.66
+    sky: float = 0.43  # what falls on a face that looks up
+    ground: float = 0.20  # and on one that looks down
+    shadow: float = 0.78  # part of the sun that a full shadow takes away
+    shine: float = 0.10  # of a highlight
+    wall: FloatArray = np.array([228.0, 231.0, 234.0])  # background, bytes, of a level or upward view
+    floor: FloatArray = np.array([165.0, 163.0, 161.0])  # and of one straight down
+
+
+class ShadowMap(NamedTuple):
+    """How high towards the sun the scene is, over the plane across the sun's direction."""
+
+    projection: FloatArray  # (4, 4), a view of raster_draw
+    height: FloatArray  # (s, s), m
+
+
+@kernel
+def shade(
+    shapes: Shapes,
+    placed: Placed,
+    tints: ByteArray,
+    frame: Frame,
+    rays: FloatArray,
+    lighting: Lighting,
+    shadows: ShadowMap,
+    lights: FloatArray,
+    rgb: ByteArray,
+) -> None:
+    """Writes the colours (h, w, 3) of a drawn frame.
+
+    `tints` (n, 3) multiply the faces' colours. `rays` (3, 4) turn (x, y, 1) into the world's
+    direction of depth 1, and have the camera's position in the last column. `lights` (f, LIGHTS)
+    is scratch.
+    """
+    height, width = frame.face.shape
+    _light_faces(shapes, placed, frame, rays, lighting, shadows.projection, lights)
+    to_map = _pixel_to_map(rays, shadows.projection)
+    line = np.zeros((LINES, width))
+    for row in range(height):
+        _find_on_map(frame.closeness, row, to_map, line)
+        start = 0
+        while start < width:
+            stop = _end_of_run(frame.face, row, start)
+            t = frame.face[row, start]
+            if t >= 0:
+                _light(lights, t, row, start, stop, line)
+                _cast_shadow(shadows.height, lights[t, 9], lights[t, 10], start, stop, line)
+            start = stop
+        _expose(lighting, line)
+        start = 0
+        while start < width:
+            stop = _end_of_run(frame.face, row, start)
+            t = frame.face[row, start]
+            if t >= 0:
+                _paint(shapes.colors, t, tints, shapes.instance[t], line, rgb, row, start, stop)
+            else:
+                _paint_background(rays, lighting, rgb, row, start, stop)
+            start = stop
+
+
+@kernel
+def _end_of_run(face: IntArray, row: int, start: int) -> int:
+    """Column where another face begins than the one at `start`."""
+    stop = start + 1
+    while stop < face.shape[1] and face[row, stop] == face[row, start]:
+        stop += 1
+    return stop
+
+
+@kernel
+def _light_faces(
+    shapes: Shapes,
+    placed: Placed,
+    frame: Frame,
+    rays: FloatArray,
+    lighting: Lighting,
+    sun_view: FloatArray,
+    lights: FloatArray,
+) -> None:
+    """Writes what the drawn faces' light depends on.
+
+    Coefficients of (x, y, 1) for sunlight [0:3], light from all around [3:6] and likeness to a
+    mirror of the sun [6:9], each over depth; and the rise of the face towards the sun from one
+    texel of the shadow map to the next, along its columns [9] and rows [10].
+    """
+    points, normals, weights = placed.points, placed.normals, frame.weights
+    lx, ly, lz = lighting.to_sun[0], lighting.to_sun[1], lighting.to_sun[2]
+    texel = 1.0 / (sun_view[0, 0] ** 2 + sun_view[0, 1] ** 2 + sun_view[0, 2] ** 2)
+    for t in range(len(frame.drawn)):
+        if not frame.drawn[t]:
+            continue
+        for k in range(9):
+            lights[t, k] = 0.0
+        for corner in range(3):
+            v = shapes.faces[t, corner]
+            nx, ny, nz = normals[v, 0], normals[v, 1], normals[v, 2]
+            ex, ey, ez = rays[0, 3] - points[v, 0], rays[1, 3] - points[v, 1], rays[2, 3] - points[v, 2]
+            distance = np.sqrt(ex * ex + ey * ey + ez * ez)
+            hx, hy, hz = lx + ex / distance, ly + ey / distance, lz + ez / distance
+            mirror = (nx * hx + ny * hy + nz * hz) / np.sqrt(hx * hx + hy * hy + hz * hz)
+            around = lighting.ground + (0.5 + 0.5 * nz) * (lighting.sky - lighting.ground)
+            sun = nx * lx + ny * ly + nz * lz
+            for k in range(3):
+                weight = weights[t, 3 * corner + k]
+                lights[t, k] += weight * sun
+                lights[t, k + 3] += weight * around
+                lights[t, k + 6] += weight * mirror
+        nx, ny, nz = _face_normal(points, shapes.faces, t)
+        rise = -texel / max(nx * lx + ny * ly + nz * lz, GRAZING)
+        for k in range(2):
+            lights[t, 9 + k] = rise * (
+                nx * sun_view[k, 0] + ny * sun_view[k, 1] + nz * sun_view[k, 2]
+            )
+
+
+@kernel
+def _face_normal(points: FloatArray, faces: IntArray, t: int) -> tuple[float, float, float]:
+    """Unit normal of a face."""
+    a, b, c = faces[t, 0], faces[t, 1], faces[t, 2]
+    ux, uy, uz = points[b, 0] - points[a, 0], points[b, 1] - points[a, 1], points[b, 2] - points[a, 2]
+    vx, vy, vz = points[c, 0] - points[a, 0], points[c, 1] - points[a, 1], points[c, 2] - points[a, 2]
+    nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+    length = np.sqrt(nx * nx + ny * ny + nz * nz)
+    return nx / length, ny / length, nz / length
+
+
+@kernel
+def _pixel_to_map(rays: FloatArray, sun_view: FloatArray) -> FloatArray:
+    """Matrix (3, 4) from depth * (x, y, 1) and 1 to column, row and height of the shadow map."""
+    to_map = np.zeros((3, 4))
+    for i in range(3):
+        source = 3 if i == 2 else i
+        to_map[i, 3] = sun_view[source, 3]
+        for k in range(4):
+            for j in range(3):
+                to_map[i, k] += sun_view[source, j] * rays[j, k]
+    return to_map
+
+
+@kernel
+def _find_on_map(
+    closeness: FloatArray, row: int, to_map: FloatArray, line: FloatArray
+) -> None:
+    """Writes a row's depths, and where its points are on the shadow map."""
+    y = row + 0.5
+    u_x, u_0, u_1 = to_map[0, 0], to_map[0, 1] * y + to_map[0, 2], to_map[0, 3] - 0.5
+    v_x, v_0, v_1 = to_map[1, 0], to_map[1, 1] * y + to_map[1, 2], to_map[1, 3] - 0.5
+    h_x, h_0, h_1 = to_map[2, 0], to_map[2, 1] * y + to_map[2, 2], to_map[2, 3] + SHADOW_BIAS
+    for column in range(line.shape[1]):
+        x, depth = column + 0.5, 1.0 / closeness[row, column]
+        line[DEPTH, column] = depth
+        line[U, column] = (u_x * x + u_0) * depth + u_1
+        line[V, column] = (v_x * x + v_0) * depth + v_1
+        line[H, column] = (h_x * x + h_0) * depth + h_1
+
+
+@kernel
+def _light(
+    lights: FloatArray, t: int, row: int, start: int, stop: int, line: FloatArray
+) -> None:
+    """Writes the light on a run of pixels of face `t`."""
+    y = row + 0.5
+    sun_x, sun_0 = lights[t, 0], lights[t, 1] * y + lights[t, 2]
+    around_x, around_0 = lights[t, 3], lights[t, 4] * y + lights[t, 5]
+    mirror_x, mirror_0 = lights[t, 6], lights[t, 7] * y + lights[t, 8]
+    for column in range(start, stop):
+        x, depth = column + 0.5, line[DEPTH, column]
+        line[SUN, column] = max((sun_x * x + sun_0) * depth, 0.0)
+        line[AROUND, column] = (around_x * x + around_0) * depth
+        line[MIRROR, column] = max((mirror_x * x + mirror_0) * depth, 0.5)
+
+
+@kernel
+def _cast_shadow(
+    heights: FloatArray, rise_u: float, rise_v: float, start: int, stop: int, line: FloatArray
+) -> None:
+    """Writes the part of the sun, 0 to 1, that reaches the pixels of a run.
+
+    Each of 4 x 4 texels is compared with the height that the face has there, so that a slope
+    does not shade itself; the weights are those of a square of 3 x 3 texels about the point.
+    """
+    size = heights.shape[0]
+    for pixel in range(start, stop):
+        u, v = line[U, pixel], line[V, pixel]
+        line[LIT, pixel] = 1.0
+        if line[SUN, pixel] > 0.0 and 1.0 <= u < size - 2 and 1.0 <= v < size - 2:
+            column, row = int(u), int(v)
+            fu, fv = u - column, v - row
+            h = line[H, pixel] - rise_u * fu - rise_v * fv
+            clear = 0
+            for k in range(-1, 3):
+                clear += heights[row + k, column + k] <= h + rise_v * k + rise_u * k
+                clear += heights[row + k, column + 1 - k] <= h + rise_v * k + rise_u * (1 - k)
+            if clear == 0:
+                line[LIT, pixel] = 0.0
+            elif clear < 8:
+                line[LIT, pixel] = _filtered(heights, row, column, fu, fv, h, rise_u, rise_v)
+
+
+@kernel
+def _filtered(
+    heights: FloatArray,
+    row: int,
+    column: int,
+    fu: float,
+    fv: float,
+    h: float,
+    rise_u: float,
+    rise_v: float,
+) -> float:
+    """Weighted part of 4 x 4 texels that are not above a face."""
+    total = 0.0
+    for j in range(-1, 3):
+        weight_v = 1.0 - fv if j == -1 else fv if j == 2 else 1.0
+        for i in range(-1, 3):
+            if heights[row + j, column + i] <= h + rise_v * j + rise_u * i:
+                total += weight_v * (1.0 - fu if i == -1 else fu if i == 2 else 1.0)
+    return total / 9.0
+
+
+@kernel
+def _expose(lighting: Lighting, line: FloatArray) -> None:
+    """Writes what a row's colours are multiplied by, and the highlight added to them."""
+    sun, shadow, shine = lighting.sun, lighting.shadow, 255.0 * lighting.shine
+    for column in range(line.shape[1]):
+        lit = 1.0 - shadow * (1.0 - line[LIT, column])
+        line[GAIN, column] = np.sqrt(line[AROUND, column] + lit * sun * line[SUN, column])
+        gloss = line[MIRROR, column]
+        gloss *= gloss
+        gloss *= gloss
+        gloss *= gloss
+        gloss *= gloss
+        gloss *= gloss
+        line[GLOSS, column] = shine * lit * gloss
+
+
+@kernel
+def _paint(
+    colors: ByteArray,
+    t: int,
+    tints: ByteArray,
+    i: int,
+    line: FloatArray,
+    rgb: ByteArray,
+    row: int,
+    start: int,
+    stop: int,
+) -> None:
+    """Colours a run of pixels of face `t` of instance `i`."""
+    red, green, blue = colors[t, 0] / 255.0, colors[t, 1] / 255.0, colors[t, 2] / 255.0
+    red, green, blue = red * tints[i, 0], green * tints[i, 1], blue * tints[i, 2]
+    for column in range(start, stop):
+        gain, gloss = line[GAIN, column], line[GLOSS, column] + 0.5
+        rgb[row, column, 0] = int(min(red * gain + gloss, 255.0))
+        rgb[row, column, 1] = int(min(green * gain + gloss, 255.0))
+        rgb[row, column, 2] = int(min(blue * gain + gloss, 255.0))
+
+
+@kernel
+def _paint_background(
+    rays: FloatArray, lighting: Lighting, rgb: ByteArray, row: int, start: int, stop: int
+) -> None:
+    """Colours a run of pixels by how far the view goes down in the middle of their row."""
+    x, y = rgb.shape[1] / 2.0, row + 0.5
+    dx = rays[0, 0] * x + rays[0, 1] * y + rays[0, 2]
+    dy = rays[1, 0] * x + rays[1, 1] * y + rays[1, 2]
+    dz = rays[2, 0] * x + rays[2, 1] * y + rays[2, 2]
+    down = max(-dz / np.sqrt(dx * dx + dy * dy + dz * dz), 0.0)
+    wall, floor = lighting.wall, lighting.floor
+    for k in range(3):
+        byte = int(wall[k] + down * (floor[k] - wall[k]) + 0.5)
+        for column in range(start, stop):
+            rgb[row, column, k] = byte

@@ -1,0 +1,55 @@
+"""How alike two observations are: the alias tolerance of the certificates."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from hide_tasks.contract import CAMERAS, Observation
+
+RGB_STEP = 8  # of 255: a channel that differs by more is seen
+DEPTH_STEP = 0.002  # m
+PIXELS = 0.005  # share of a camera's pixels that may differ
+JOINTS = 0.005  # rad
+
+
+class Likeness(NamedTuple):
+    """The distance of two observations, camera by camera."""
+
+    pixels: dict[str, float]  # share of pixels that differ visibly
+    joints: float  # largest difference, rad
+    opening: float  # difference of the gripper's opening, 0 to 1
+
+    @property
+    def alike(self) -> bool:
+        """True within the alias tolerance."""
+        return (
+            max(self.pixels.values()) <= PIXELS and self.joints <= JOINTS and self.opening <= 0.05
+        )
+
+    @property
+    def distance(self) -> float:
+        """One number to order by; at most 1 when alike."""
+        return max(*self.pixels.values(), 0.0) / PIXELS + self.joints / JOINTS + self.opening / 0.05
+
+
+def likeness(a: Observation, b: Observation) -> Likeness:
+    """Compare two observations of scenes with the same layout."""
+    return Likeness(
+        pixels={name: _differing(a, b, name) for name in CAMERAS},
+        joints=float(np.abs(a.joint_positions - b.joint_positions).max()),
+        opening=abs(a.gripper_opening - b.gripper_opening),
+    )
+
+
+def alike(a: Observation, b: Observation) -> bool:
+    """True within the alias tolerance; looks at the arm first, which is quick."""
+    if np.abs(a.joint_positions - b.joint_positions).max() > JOINTS:
+        return False
+    return likeness(a, b).alike
+
+
+def _differing(a: Observation, b: Observation, name: str) -> float:
+    one, two = a.views[name], b.views[name]
+    color = np.abs(one.rgb.astype(np.int16) - two.rgb).max(axis=-1) > RGB_STEP
+    depth = np.abs(one.depth - two.depth) > DEPTH_STEP
+    return float((color | depth).mean())

@@ -1,0 +1,77 @@
+"""Can a classifier tell the next action from the picture at the alias points?
+
+If the hidden state is hidden, nothing learned from observations beats chance there.
+"""
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from sklearn.linear_model import LogisticRegression
+from sklearn.model_selection import GroupKFold, cross_val_predict
+from sklearn.neighbors import KNeighborsClassifier
+from sklearn.pipeline import Pipeline, make_pipeline
+from sklearn.preprocessing import StandardScaler
+
+from hide_tasks.contract import CAMERAS, Observation
+from hide_tasks.statistics import Rate
+
+CELL = 8  # pixels of a feature's square
+FOLDS = 5  # whole layouts are left out at a time
+MARGIN = 0.10  # above chance that the upper end of the interval may be
+
+
+class Sample(NamedTuple):
+    """An observation at an alias point and what the expert does next."""
+
+    layout: int
+    observation: Observation
+    label: str
+
+
+def features(observation: Observation) -> NDArray[np.float64]:
+    """Colour and depth in 16 x 16 squares per camera, joints, pose, opening.
+
+    Rounded to a tenth of the alias tolerance: a difference under it is no information.
+    """
+    parts = [
+        observation.joint_positions.round(3),
+        observation.gripper_pose.round(3),
+        np.array([round(observation.gripper_opening, 2)]),
+    ]
+    for name in CAMERAS:
+        view = observation.views[name]
+        parts.append(_squares(view.rgb.astype(np.float64) / 255).round(3))
+        parts.append(_squares(view.depth[..., None].astype(np.float64)).round(3))
+    return np.concatenate(parts)
+
+
+def _squares(image: NDArray[np.float64]) -> NDArray[np.float64]:
+    h, w, channels = image.shape
+    blocks = image.reshape(h // CELL, CELL, w // CELL, CELL, channels)
+    return blocks.mean(axis=(1, 3)).ravel()
+
+
+def classifiers() -> dict[str, Pipeline]:
+    """The probes by name."""
+    return {
+        "nearest": make_pipeline(StandardScaler(), KNeighborsClassifier(5)),
+        "linear": make_pipeline(StandardScaler(), LogisticRegression(C=0.1, max_iter=300)),
+    }
+
+
+def probe(samples: Sequence[Sample]) -> dict[str, Any]:
+    """Accuracy of every classifier with its Wilson interval, beside chance."""
+    x = np.array([features(sample.observation) for sample in samples])
+    y = np.array([sample.label for sample in samples])
+    layouts = np.array([sample.layout for sample in samples])
+    chance = float(np.unique(y, return_counts=True)[1].max() / len(y))
+    report: dict[str, Any] = {"samples": len(y), "chance": round(chance, 4)}
+    for name, classifier in classifiers().items():
+        guesses = cross_val_predict(classifier, x, y, groups=layouts, cv=GroupKFold(FOLDS))
+        rate = Rate(int((guesses == y).sum()), len(y))
+        low, high = rate.interval
+        report[name] = {"accuracy": round(rate.value, 4), "low": round(low, 4), "high": round(high, 4)}
+    report["blind"] = all(report[name]["high"] <= chance + MARGIN for name in classifiers())
+    return report

@@ -1,0 +1,76 @@
+"""An expert's script as keyframes, and the script points of an episode and its twins."""
+
+import itertools
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from hide_tasks import suite
+from hide_tasks.bullet.world import World
+from hide_tasks.contract import EpisodeSpec, HiddenState, Keyframe, Observation, Variation
+from hide_tasks.task import Move, Stage, Task
+
+
+def script(task: Task) -> Iterator[tuple[str, Keyframe]]:
+    """The expert's keyframes with the names of their stages; the last one says stop.
+
+    A keyframe is read when it is asked for, so the one before must have been carried out.
+    """
+    moves = _moves(task.expert())
+    name, move = next(moves)
+    for next_name, next_move in moves:
+        yield name, move()
+        name, move = next_name, next_move
+    yield name, move().model_copy(update={"stop": True})
+
+
+def _moves(stages: Iterator[Stage]) -> Iterator[tuple[str, Move]]:
+    return ((stage.name, move) for stage in stages for move in stage.moves)
+
+
+@dataclass(frozen=True)
+class Point:
+    """A moment of an expert's episode: what is seen, what comes next, and why."""
+
+    twin: int  # which of the twins
+    keyframes: int  # how many are done
+    observation: Observation
+    next: Keyframe
+    stage: str  # the stage that the next keyframe belongs to
+    hidden: HiddenState
+
+
+def twins(spec: EpisodeSpec) -> list[Variation]:
+    """The variations that fit the instruction: all values of the axes it does not name."""
+    axes = type(suite.build(spec)).hidden_axes()
+    return [
+        {**spec.variation, **dict(zip(axes, values, strict=True))}
+        for values in itertools.product(*axes.values())
+    ]
+
+
+def points(spec: EpisodeSpec, twin: int = 0) -> list[Point]:
+    """The expert's episode of a spec, point by point; a last observation has no point."""
+    found = []
+    with World(suite.build(spec)) as world:
+        for done, (stage, keyframe) in enumerate(script(world.task)):
+            observation, hidden = world.observe(), world.task.hidden_state()
+            found.append(Point(twin, done, observation, keyframe, stage, hidden))
+            world.execute(keyframe)
+    return found
+
+
+def library(spec: EpisodeSpec) -> list[Point]:
+    """The script points of an episode and of all its twins."""
+    found = []
+    for number, variation in enumerate(twins(spec)):
+        found += points(spec.twin(variation), number)
+    return found
+
+
+def same_action(a: Keyframe, b: Keyframe) -> bool:
+    """True when two keyframes lead to the same place with the same fingers."""
+    apart = float(np.linalg.norm(a.pose[:3] - b.pose[:3]))
+    aligned = abs(float(a.pose[3:] @ b.pose[3:]))
+    return apart < 0.01 and aligned > 0.99 and (a.opening >= 0.5) == (b.opening >= 0.5)

@@ -1,0 +1,92 @@
+"""Which episodes exist: an episode is a function of (suite version, task, split, index).
+
+The committed file of a task holds, for every episode, which layout draw its expert could solve
+and the hash of its scene.
+"""
+
+import hashlib
+import json
+from functools import lru_cache
+from importlib.resources import files
+from typing import Any, get_args
+
+import numpy as np
+
+from hide_tasks.catalogue import load
+from hide_tasks.contract import EpisodeSpec, Split
+from hide_tasks.task import Task
+
+SUITE = "hide"
+VERSION = 1
+SPLITS: dict[Split, int] = {"train": 100, "val": 25, "test": 25}
+
+
+def _number(text: str) -> int:
+    return int.from_bytes(hashlib.sha256(text.encode()).digest()[:4], "big")
+
+
+def _generator(task: str, split: str, *key: int) -> np.random.Generator:
+    spawn = (_number(SUITE), VERSION, _number(task), _number(split), *key)
+    return np.random.default_rng(np.random.SeedSequence(0, spawn_key=spawn))
+
+
+@lru_cache(maxsize=64)
+def _variations(task: str, split: Split) -> list[dict[str, Any]]:
+    return load(task).variations.balanced(SPLITS[split], _generator(task, split))
+
+
+@lru_cache(maxsize=64)
+def committed(task: str) -> dict[str, Any]:
+    """What `make gates` committed of a task's episodes; empty before its first run.
+
+    `splits` holds for each split the lists `draws`, `scene_hashes`, `final_state_hashes`.
+    """
+    file = files("hide_tasks").joinpath("episodes", f"{task}.json")
+    return dict(json.loads(file.read_text())) if file.is_file() else {}
+
+
+def episode(task: str, split: Split, index: int) -> EpisodeSpec:
+    """The spec of one episode.
+
+    Raises:
+        UnknownTask: there is no such task.
+        ValueError: there is no such split or index.
+    """
+    load(task)
+    if split not in SPLITS:
+        raise ValueError(f"No split '{split}'. Splits: {', '.join(get_args(Split))}.")
+    if not 0 <= index < SPLITS[split]:
+        raise ValueError(f"No episode {index} in {split}: it has 0 to {SPLITS[split] - 1}.")
+    draws = committed(task).get("splits", {}).get(split, {}).get("draws", [])
+    return EpisodeSpec(
+        suite=SUITE,
+        version=VERSION,
+        task=task,
+        split=split,
+        index=index,
+        variation=_variations(task, split)[index],
+        draw=draws[index] if index < len(draws) else 0,
+    )
+
+
+def episodes(task: str, split: Split, count: int | None = None) -> list[EpisodeSpec]:
+    """The first `count` episodes of a split, or all."""
+    total = SPLITS[split] if split in SPLITS else 1
+    return [episode(task, split, i) for i in range(total if count is None else min(count, total))]
+
+
+def build(spec: EpisodeSpec) -> Task:
+    """The task instance of an episode; its layout does not depend on the variation."""
+    rng = _generator(spec.task, spec.split, 1, spec.index, spec.draw)
+    return load(spec.task)(spec.variation, rng)
+
+
+def policy_seed(spec: EpisodeSpec) -> int:
+    """An opaque number of 53 bits that tells a policy nothing but lets it be random repeatably."""
+    return int(_generator(spec.task, spec.split, 2, spec.index).integers(2**53))
+
+
+def scene_hash(spec: EpisodeSpec) -> str:
+    """SHA-256 of the quantised scene; the same on every machine."""
+    task = build(spec)
+    return task.layout.scene_hash(task.instruction)

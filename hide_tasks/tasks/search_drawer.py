@@ -1,0 +1,135 @@
+"""Open the drawers one by one until the item is found, then put it on the mat.
+
+HIDE appendix A.1 (k). A searched drawer is pushed shut and the arm goes home: the scene looks
+like the one at the start, so only the history tells which drawer comes next.
+"""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from hide_tasks.assets import Block, Chest, Region
+from hide_tasks.assets.chest import LEVELS
+from hide_tasks.contract import Category, Failure, HiddenState
+from hide_tasks.layout import TABLE_TOP
+from hide_tasks.motion import (
+    before,
+    grasp_handle,
+    home,
+    look_into,
+    over,
+    pitch_for,
+    push_shut,
+    put,
+    slide_to,
+    take,
+)
+from hide_tasks.poses import Array, pose, quaternion, yaw_of
+from hide_tasks.task import Alias, Checks, Grid, Moment, Stage, Task
+
+CHEST_AT = (0.61, 0.14)  # m
+REGION_AT = (0.26, -0.28)  # m; the cabinet's top, where RLBench has it, is out of the arm's reach
+TURN = 0.2  # rad, at most, either way
+PULL = 0.20  # m
+SEEN = 0.10  # m: a drawer so far open shows what is in it
+SHUT = 0.01  # m
+FELL = 0.1  # m under the table's top
+
+
+class SearchDrawer(Task):
+    category = Category.EXECUTION_PROGRESS
+    instructions = ("take item out of the drawer", "take the item out of the drawer")
+    variations = Grid(item_in=LEVELS)
+    keyframes = frozenset({9, 16, 23})
+    remembers = "which drawers have been searched"
+    spoils = frozenset({Failure.DROPPED_OBJECT})
+
+    def build(self) -> None:
+        between = self.layout.between
+        x, y = CHEST_AT
+        self.chest = self.layout.add(
+            Chest(), x + between(-0.02, 0.02), y + between(-0.05, 0.05), yaw=between(-TURN, TURN)
+        )
+        self.region = self.layout.add(Region(), *(at + between(-0.04, 0.04) for at in REGION_AT))
+        self.drawer = self.chest[self.variation.item_in]
+        aside, turn = between(-0.06, 0.06), between(-0.4, 0.4)
+        place = self.drawer.item_at_start(behind_front=0.06, aside=aside, above=0.0205)
+        self.item = self.layout.add_at(Block("red"), pose(*place[:3], quaternion(yaw=turn)))
+        self.searches = {
+            level: self.count(
+                f"{level}_search", lambda d=self.chest[level]: d.opening, up=SEEN, down=SHUT  # type: ignore[misc]
+            )
+            for level in LEVELS
+        }
+
+    def hidden_state(self) -> HiddenState:
+        return {
+            "item_in": self.variation.item_in,
+            "searched": [level for level in LEVELS if self.searches[level].total],
+        }
+
+    def stage(self) -> str:
+        if self.robot.holds(self.item) or self.region.contains(self._item()):
+            return "place"
+        if self.drawer.opening > SEEN:
+            return "take"
+        opened = next((d for d in self.chest.drawers() if d.opening > SHUT), None)
+        if opened:
+            return f"close {opened.level}"
+        left = [level for level in LEVELS if not self.searches[level].total]
+        return f"open {left[0] if left else self.drawer.level}"
+
+    def expert(self) -> Iterator[Stage]:
+        for level in LEVELS:
+            drawer = self.chest[level]
+            pitch = pitch_for(self.robot, self.chest, level, PULL)
+            yield Stage(
+                f"open {level}",
+                before(drawer, pitch),
+                grasp_handle(drawer, pitch),
+                slide_to(drawer, PULL, pitch),
+                look_into(drawer),
+            )
+            if level == self.variation.item_in:
+                break
+            yield Stage(
+                f"close {level}",
+                before(drawer, pitch, opened=False),
+                push_shut(drawer, pitch),
+                home(),
+            )
+        yaw = yaw_of(self.chest.at)
+        yield Stage("take", over(self._item, 0.10, opened=True, yaw=yaw), take(self._item, yaw=yaw))
+        yield Stage("place", over(self._item, 0.20, opened=False, yaw=yaw), over(self._goal, 0.08, opened=False, yaw=yaw), put(self._goal, yaw=yaw))
+
+    def checks(self) -> Checks:
+        return {
+            "item_in_region": self.region.contains(self._item()),
+            "item_released": not self.robot.holds(self.item),
+        }
+
+    def missing(self) -> Failure:
+        if not self.searches[self.variation.item_in].total:
+            return Failure.UNFINISHED
+        return Failure.NOT_PLACED
+
+    def violations(self) -> list[Failure]:
+        again = any(search.total > 1 for search in self.searches.values())
+        fell = self._item()[2] < TABLE_TOP - FELL
+        return [Failure.REPEATED_STEP] * again + [Failure.DROPPED_OBJECT] * bool(fell)
+
+    def aliases(self) -> list[Alias]:
+        return [
+            Alias(
+                Moment(7 * one, {"item_in": "bottom"}),
+                Moment(7 * two, {"item_in": "bottom"}),
+                f"all shut after {one} and after {two} searches",
+            )
+            for one, two in ((0, 1), (1, 2), (0, 2))
+        ]
+
+    def _item(self) -> Array:
+        return self.item.pose()[:3]
+
+    def _goal(self) -> Array:
+        return self.region.at[:3] + np.array([0.0, 0.0, self.item.size / 2 + 0.004])

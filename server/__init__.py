@@ -1,0 +1,1 @@
+"""The service: the ledger of evaluations, the API over it, and the `hide` command."""

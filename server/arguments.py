@@ -1,0 +1,62 @@
+"""What the arguments of a command mean, checked before anything is done."""
+
+import re
+from collections.abc import Iterable
+from datetime import datetime
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from hide_tasks.contract import Split
+
+
+class BadUsage(Exception):
+    """What was asked for cannot be; the message is the one line that the user reads."""
+
+
+def chosen_tasks(names: str, category: str | None = None) -> tuple[str, ...]:
+    """The tasks that are named with commas between, or of a category, or all; in order.
+
+    Raises:
+        BadUsage: there is no such task, or both were given.
+    """
+    from hide_tasks import ALL_TASKS, UnknownTask, load
+
+    if names and category:
+        raise BadUsage("--tasks and --category exclude each other; give one of them.")
+    wanted = [name.strip() for name in names.split(",") if name.strip()] or ALL_TASKS
+    try:
+        categories = {name: load(name).category for name in wanted}
+    except UnknownTask as error:
+        raise BadUsage(str(error)) from None
+    return _in_order(name for name in categories if category in (None, categories[name]))
+
+
+def _in_order(names: Iterable[str]) -> tuple[str, ...]:
+    from workers.run_folder import in_order
+
+    return tuple(in_order(names))
+
+
+def episode_count(episodes: int | None, split: "Split") -> int | None:
+    """The number of episodes per task; None for all.
+
+    Raises:
+        BadUsage: the split does not have so many.
+    """
+    from hide_tasks.suite import SPLITS
+
+    most = SPLITS[split]
+    if episodes is not None and not 1 <= episodes <= most:
+        raise BadUsage(f"--episodes {episodes}: {split} has {most} a task; give 1 to {most}.")
+    return episodes
+
+
+def new_folder(policy: str) -> Path:
+    """A folder under runs/ that is not there yet, named after the policy and the time."""
+    from hide_tasks.suite import SUITE
+
+    name = re.sub(r"[^\w.]+", "-", policy).strip("-.")
+    stem = f"{name}-{SUITE}-{datetime.now():%Y%m%d-%H%M%S}"
+    names = [stem, *(f"{stem}-{number}" for number in range(2, 100))]
+    return next(path for path in (Path("runs", name) for name in names) if not path.exists())

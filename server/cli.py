@@ -1,0 +1,191 @@
+"""The `hide` command. It starts light: the simulator is imported by the commands that simulate.
+
+A user's mistake is one line on standard error and exit status 2; what failed on its own is 1.
+"""
+
+import json
+import sys
+from collections.abc import Sequence
+from enum import StrEnum
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from typer import Argument, Option
+
+from server.arguments import BadUsage, chosen_tasks, episode_count, new_folder
+
+BAD_USAGE = 2
+INTERRUPTED = 130  # as shells count: 128 and the signal's number
+PAGE = 160  # columns of a table that is not for a screen
+
+app = typer.Typer(
+    help="HIDE: robot tasks whose next action depends on what was seen and done before.",
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+
+
+class SplitName(StrEnum):
+    train = "train"
+    val = "val"
+    test = "test"
+
+
+class RulesName(StrEnum):
+    hide = "hide"
+    parity = "parity"
+
+
+class CategoryName(StrEnum):
+    RC = "RC"
+    HSR = "HSR"
+    EPT = "EPT"
+
+
+Tasks = Annotated[str, Option(help="Task names with commas between; default: all.")]
+Workers = Annotated[
+    int | None, Option(min=1, help="Episodes at a time; default: one per processor.")
+]
+AsJson = Annotated[bool, Option("--json", help="Print JSON instead of a table.")]
+
+
+@app.callback(invoke_without_command=True)
+def _start(
+    context: typer.Context,
+    show_version: Annotated[bool, Option("--version", help="Print the version.")] = False,
+) -> None:
+    if show_version:
+        typer.echo(_version())
+    elif context.invoked_subcommand is None:
+        typer.echo(context.get_help())
+
+
+@app.command()
+def tasks(as_json: AsJson = False) -> None:
+    """List the tasks: language, variations, keyframes, hidden state, certificate."""
+    from hide_tasks import ALL_TASKS
+    from server import tables
+
+    entries = tables.catalogue(ALL_TASKS)
+    show({"tasks": entries} if as_json else tables.catalogue_table(entries))
+
+
+@app.command("eval")
+def evaluate(
+    policy: Annotated[
+        str,
+        Argument(
+            metavar="POLICY",
+            help="expert, amnesiac, random, noop; replay:DIR, the actions of another run; or your "
+            "own class, python:module:Class or python:path/to/file.py:Class.",
+        ),
+    ],
+    tasks: Tasks = "",
+    category: Annotated[CategoryName | None, Option(help="Only tasks of this kind.")] = None,
+    split: Annotated[SplitName, Option(help="Which episodes.")] = SplitName.test,
+    episodes: Annotated[
+        int | None, Option(help="Per task, the first so many of the split; default: all.")
+    ] = None,
+    workers: Workers = None,
+    out: Annotated[
+        Path | None,
+        Option(help="The run's folder; a run that is there is resumed. Default: runs/…"),
+    ] = None,
+    as_json: AsJson = False,
+    rules: Annotated[
+        RulesName, Option(help="parity: 25 decisions, and success ends the episode.")
+    ] = RulesName.hide,
+    recordings: Annotated[
+        bool, Option("--recordings/--no-recordings", help="Record each episode for the viewer.")
+    ] = True,
+    policy_timeout: Annotated[
+        float, Option(min=0.001, metavar="SECONDS", help="For one answer of your own class.")
+    ] = 60.0,
+) -> None:
+    """Evaluate a policy without a server; with --out, an interrupted run resumes."""
+    from server.run import run
+    from server.tables import results_table
+    from workers.evaluation import Evaluation
+
+    evaluation = Evaluation(
+        policy=policy,
+        tasks=chosen_tasks(tasks, category),
+        split=split.value,
+        episodes=episode_count(episodes, split.value),
+        rules=rules.value,
+        recordings=recordings,
+        policy_timeout=policy_timeout,
+    )
+    results = run(evaluation, out or new_folder(policy), workers)
+    show(results.model_dump(mode="json") if as_json else results_table(results))
+    if not results.complete:
+        raise typer.Exit(1)
+
+
+@app.command()
+def certify(tasks: Tasks = "", workers: Workers = None, as_json: AsJson = False) -> None:
+    """Recompute the proofs that tasks need memory; takes minutes a task."""
+    from server import tables
+    from server.run import recertify
+
+    names = chosen_tasks(tasks)
+    certificates = recertify(names, workers)
+    entries = tables.catalogue(names)
+    show({"certificates": certificates} if as_json else tables.catalogue_table(entries))
+
+
+@app.command()
+def doctor() -> None:
+    """Check this machine for what an evaluation needs."""
+    from server.doctor import findings
+
+    found = findings()
+    for finding in found:
+        mark, remedy = ("ok ", "") if finding.good else ("BAD", f"; {finding.remedy}")
+        typer.echo(f"{mark} {finding.what}: {finding.found}{remedy}")
+    if not all(finding.good for finding in found):
+        raise typer.Exit(1)
+
+
+def show(content: object) -> None:
+    """A document as JSON, anything else as rich draws it, on standard output."""
+    if isinstance(content, dict):
+        typer.echo(json.dumps(content, indent=1))
+        return
+    console = Console()
+    Console(width=None if console.is_terminal else PAGE).print(content)
+
+
+def _version() -> str:
+    try:
+        return version("hide-seek")
+    except PackageNotFoundError:
+        return "not installed"
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """The entry point: runs a command and exits with its status."""
+    try:
+        status = app(args=arguments, prog_name="hide", standalone_mode=False)
+    except BadUsage as error:
+        _fail(str(error), BAD_USAGE)
+    except typer.TyperException as error:
+        _fail(f"{error.format_message().rstrip('.')}. See hide --help.", BAD_USAGE)
+    except BrokenPipeError:  # `hide tasks | head` has read enough
+        sys.stderr.close()
+        sys.exit(1)
+    except OSError as error:
+        _fail(f"{error.strerror}: {error.filename}" if error.filename else str(error), 1)
+    sys.exit(status if isinstance(status, int) else 0)
+
+
+def _fail(message: str, status: int) -> None:
+    typer.echo(f"hide: {' '.join(message.split())}", err=True)
+    sys.exit(status)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,103 @@
+"""Policies as a researcher might write them; each test names one as `...some_policies:Name`."""
+
+import json
+import os
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+
+from hide_tasks.contract import Belief, Keyframe, Stop
+
+
+class Stays:
+    """Answers with the pose that it sees, and prints."""
+
+    def reset(self, instruction, policy_seed):
+        self.decisions = 0
+        print(f"told: {instruction}, {policy_seed}")
+
+    def act(self, observation):
+        self.decisions += 1
+        return Keyframe.at(observation.gripper_pose, opening=0.0)
+
+    def belief(self):
+        return Belief(stage_count=self.decisions)
+
+
+class Answers:
+    """Answers with a dictionary of arrays, as numpy users write it."""
+
+    def reset(self, instruction, policy_seed):
+        pass
+
+    def act(self, observation):
+        return {
+            "kind": "keyframe",
+            "position": observation.gripper_pose[:3],
+            "quaternion": observation.gripper_pose[3:],
+            "opening": np.float32(1.0),
+            "ignore_collisions": np.bool_(True),
+        }
+
+
+class Stops:
+    def reset(self, instruction, policy_seed):
+        pass
+
+    def act(self, observation):
+        return Stop()
+
+
+class Misbehaves:
+    """Does what the instruction says."""
+
+    def reset(self, instruction, policy_seed):
+        self.what = instruction
+
+    def act(self, observation):
+        if self.what == "raise":
+            raise RuntimeError("a line\nno such thing as a cup")
+        if self.what == "exit":
+            sys.exit(3)
+        if self.what == "die":
+            os._exit(3)
+        if self.what == "abort":
+            os.abort()
+        if self.what == "sleep":
+            time.sleep(60)
+        if self.what == "object":
+            return object()
+        if self.what == "nan":
+            return {"kind": "keyframe", "position": [float("nan")] * 3, "quaternion": [0, 0, 0, 1]}
+        return Stop()
+
+    def belief(self):
+        return {"stage_count": "many"} if self.what == "believe" else None
+
+
+class TellsAll:
+    """Writes down everything that it can see of its episode."""
+
+    def reset(self, instruction, policy_seed):
+        self.told = {"instruction": instruction, "policy_seed": policy_seed}
+
+    def act(self, observation):
+        Path("told.json").write_text(
+            json.dumps(
+                {
+                    **self.told,
+                    "observation": sorted(vars(observation)),
+                    "arguments": sys.argv,
+                    "modules": sorted(sys.modules),
+                    "pid": os.getpid(),
+                }
+            )
+        )
+        return Stop()
+
+
+class NoAct:
+    def reset(self, instruction, policy_seed):
+        pass

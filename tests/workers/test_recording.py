@@ -1,0 +1,424 @@
+"""Recordings: what a viewer and a server find in them. The viewer is the one that the page serves."""
+
+import os
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import partial
+from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
+from importlib.util import find_spec
+from pathlib import Path
+from shutil import which
+from time import monotonic
+from typing import Any, NamedTuple
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from playwright.sync_api import Page, sync_playwright
+from rerun.chunk import RrdReader
+
+from hide_tasks.bullet import meshes
+from hide_tasks.bullet.cameras import camera
+from hide_tasks.bullet.meshes import Mesh
+from hide_tasks.contract import (
+    CAMERAS,
+    Belief,
+    CameraView,
+    DecisionRecord,
+    EpisodeResult,
+    EpisodeSpec,
+    Event,
+    Failure,
+    HiddenState,
+    Keyframe,
+    MotionOutcome,
+    Observation,
+)
+from workers.recording import Recorder, drawn, properties_of
+from workers.recording_layout import as_text, write_layout
+
+INSTRUCTION = "push the red button 3 times"
+SPEC = EpisodeSpec(task="push_button_times", split="test", index=7, variation={"count": 3})
+DECISIONS = 5
+
+
+class Part(NamedTuple):
+    name: str
+    mesh: Mesh
+
+
+def parts() -> list[Part]:
+    table = meshes.merge([(meshes.box((1.2, 1.8, 0.04)), np.eye(4), (198, 182, 160))])
+    button = [(meshes.box((0.1, 0.1, 0.02)), np.eye(4), (90, 90, 96))]
+    cap = [(meshes.cylinder(0.03, 0.02), np.eye(4), (200, 40, 40))]
+    arm = [(meshes.cylinder(0.04, 0.3), np.eye(4), (240, 240, 240))]
+    return [
+        Part("table", table),
+        Part("button/base", meshes.merge(button)),
+        Part("button/cap", meshes.merge(cap)),
+        Part("robot/panda_hand", meshes.merge(arm)),
+    ]
+
+
+def poses(time: float) -> NDArray[np.float64]:
+    """The hand goes up and down over the button."""
+    result = np.tile(np.eye(4), (4, 1, 1))
+    result[:, :3, 3] = [(0.25, 0, 0.732), (0.3, 0, 0.762), (0.3, 0, 0.78), (0.3, 0, 1.0)]
+    result[3, 2, 3] += 0.05 * np.sin(time * np.pi)
+    return result
+
+
+def observation(seed: int = 0, opening: float = 0.0) -> Observation:
+    rng = np.random.default_rng(seed)
+    views = {name: _view(name, rng) for name in CAMERAS}
+    pose = np.array([0.3, 0.0, 0.9, 1.0, 0.0, 0.0, 0.0])
+    return Observation(views, pose, opening, np.zeros(7), INSTRUCTION)
+
+
+def _view(name: str, rng: np.random.Generator) -> CameraView:
+    lens = camera(name if name != "wrist" else "front")
+    row, column = np.mgrid[:128, :128]
+    rgb = np.stack([row, column, np.full_like(row, rng.integers(256))], axis=-1).astype(np.uint8)
+    depth = (1.0 + 0.01 * row).astype(np.float32)
+    return CameraView(rgb, depth, lens.intrinsics, lens.camera_to_world)
+
+
+def record(decision: int, **fields: Any) -> DecisionRecord:
+    done: HiddenState = {"presses_done": decision + 1, "searched": ["top", "middle"][:decision]}
+    values: dict[str, Any] = {
+        "decision": decision,
+        "time": decision + 1.0,
+        "action": Keyframe(position=(0.3, 0.0, 0.85), quaternion=(1, 0, 0, 0), opening=0.0),
+        "outcome": MotionOutcome.ARRIVED,
+        "path": "straight",
+        "stage": f"press {decision + 1}",
+        "hidden": done,
+        "checks": {"pressed": decision >= 2, "withdrawn": decision % 2 == 0},
+        "success": decision >= 2,
+        "events": [Event(time=decision + 0.5, name="presses", total=decision + 1)],
+        "belief": Belief(stage_count=decision, anchor_similarity=0.9),
+    }
+    return DecisionRecord(**values | fields)
+
+
+def result(**fields: Any) -> EpisodeResult:
+    values: dict[str, Any] = {
+        "task": SPEC.task,
+        "split": SPEC.split,
+        "index": SPEC.index,
+        "variation": SPEC.variation,
+        "instruction": INSTRUCTION,
+        "success": True,
+        "exact": False,
+        "failure": Failure.OVERCOUNT,
+        "decisions": DECISIONS,
+        "stage": "press 5",
+        "scene_hash": "5ce0e",
+        "final_state_hash": "f17a1",
+    }
+    return EpisodeResult(**values | fields)
+
+
+def play(recorder: Recorder, decisions: int = DECISIONS) -> None:
+    """A small episode, told to the recorder as the loop tells it."""
+    recorder.begin(SPEC, INSTRUCTION, parts())
+    recorder.frame(0.0, poses(0.0))
+    for decision in range(decisions):
+        seen = observation(decision)
+        for step in range(1, 21):
+            recorder.frame(decision + step / 20, poses(decision + step / 20))
+        recorder.decided(seen, record(decision))
+
+
+def recorded(path: Path, **verdict: Any) -> Path:
+    with Recorder(path, policy="expert") as recorder:
+        play(recorder)
+        recorder.end(result(**verdict), observation(DECISIONS))
+    return path
+
+
+def rows(path: Path, entity: str, column: str) -> dict[tuple[float, int], Any]:
+    """Values of one entity by (time in s, decision)."""
+    found = {}
+    for chunk in RrdReader(path).stream().filter(content=entity, is_static=False).to_chunks():
+        batch = chunk.to_record_batch().to_pydict()
+        times = [time.total_seconds() for time in batch["time"]]
+        for time, decision, value in zip(times, batch["decision"], batch[column], strict=True):
+            found[time, decision] = value[0] if value else None
+    return found
+
+
+# --- the file ---
+
+
+def test_a_recording_verifies(tmp_path: Path) -> None:
+    path = recorded(tmp_path / "episodes" / "a.rrd")
+
+    done = rerun_command(tmp_path, "rrd", "verify", str(path))
+
+    assert done.returncode == 0, done.stderr
+    assert [file.name for file in path.parent.iterdir()] == ["a.rrd"]
+
+
+def rerun_command(home: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    """The SDK's command line; CI keeps it from sending statistics, HOME from noting that."""
+    environment = {**os.environ, "CI": "1", "HOME": str(home), "XDG_CONFIG_HOME": str(home)}
+    command = [sys.executable, "-m", "rerun", *arguments]
+    return subprocess.run(command, env=environment, capture_output=True, text=True, timeout=60)
+
+
+def test_a_recording_says_what_it_is(tmp_path: Path) -> None:
+    found = properties_of(recorded(tmp_path / "a.rrd"))
+
+    assert found == {
+        "suite": "hide 1",
+        "task": "push_button_times",
+        "split": "test",
+        "index": 7,
+        "variation": '{"count": 3}',
+        "instruction": INSTRUCTION,
+        "policy": "expert",
+        "success": True,
+        "exact": False,
+        "failure": "overcount",
+        "decisions": DECISIONS,
+        "scene_hash": "5ce0e",
+    }
+
+
+def test_an_exact_recording_names_no_failure(tmp_path: Path) -> None:
+    found = properties_of(recorded(tmp_path / "a.rrd", exact=True, failure=None))
+
+    assert found["exact"] is True
+    assert "failure" not in found
+
+
+def test_hidden_values_stand_after_the_decision_that_changed_them(tmp_path: Path) -> None:
+    path = recorded(tmp_path / "a.rrd")
+
+    presses = rows(path, "/lanes/2\\ hidden/presses_done", "StateChange:state")
+    searched = rows(path, "/lanes/2\\ hidden/searched", "StateChange:state")
+
+    assert presses == {(d + 1.0, d + 1): str(d + 1) for d in range(DECISIONS)}
+    assert searched == {(1.0, 1): "–", (2.0, 2): "top", (3.0, 3): "top, middle"}
+
+
+def test_pictures_stand_before_the_decision_that_saw_them(tmp_path: Path) -> None:
+    path = recorded(tmp_path / "a.rrd")
+
+    for name in CAMERAS:
+        seen = rows(path, f"/world/cameras/{name}/rgb", "EncodedImage:blob")
+        assert list(seen) == [(float(d), d) for d in range(DECISIONS + 1)]
+
+
+def test_a_part_that_stands_still_is_written_once(tmp_path: Path) -> None:
+    path = recorded(tmp_path / "a.rrd")
+
+    table = rows(path, "/world/table", "Transform3D:translation")
+    hand = rows(path, "/world/robot/panda_hand", "Transform3D:translation")
+
+    assert list(table) == [(0.0, 0)]
+    assert len(hand) == 1 + 20 * DECISIONS
+    assert {decision for (time, decision) in hand if 1.0 < time <= 2.0} == {2}
+
+
+def test_an_episode_that_dies_leaves_no_file(tmp_path: Path) -> None:
+    with pytest.raises(RuntimeError, match="lost"), Recorder(tmp_path / "a.rrd") as recorder:
+        play(recorder, decisions=1)
+        assert list(tmp_path.iterdir()) == [recorder.partial]
+        raise RuntimeError("worker lost")
+
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.filterwarnings("ignore:RRD file has no footer")
+def test_a_growing_recording_can_be_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("workers.recording.SEND_EVERY", 0.0)
+
+    with Recorder(tmp_path / "a.rrd") as recorder:
+        play(recorder, decisions=2)
+        stages = rows(recorder.partial, "/lanes/1\\ stage", "StateChange:state")
+
+    assert stages == {(1.0, 1): "press 1", (2.0, 2): "press 2"}
+
+
+def test_two_attempts_at_one_episode_do_not_meet(tmp_path: Path) -> None:
+    first, second = Recorder(tmp_path / "a.rrd"), Recorder(tmp_path / "a.rrd")
+    play(first)
+    play(second, decisions=1)
+
+    first.end(result(), observation())
+    second.discard()
+
+    assert len(rows(tmp_path / "a.rrd", "/world/cameras/front/rgb", "EncodedImage:blob")) == 6
+
+
+def test_a_part_inside_another_is_refused(tmp_path: Path) -> None:
+    cube = meshes.box((1, 1, 1))
+
+    with pytest.raises(ValueError, match="'chest/top' would move with part 'chest'"):
+        Recorder(tmp_path / "a.rrd").begin(SPEC, "", [Part("chest", cube), Part("chest/top", cube)])
+
+
+def test_faces_of_two_colours_share_no_vertex() -> None:
+    cube = meshes.box((1, 1, 1))
+    colors = np.zeros((len(cube.faces), 3), dtype=np.uint8)
+    colors[::2] = (255, 0, 0)  # of the two triangles of a side, one is red
+
+    mesh = drawn(Mesh(cube.vertices, cube.normals, cube.faces, colors))
+
+    corners = np.array(mesh.triangle_indices.as_arrow_array().to_pylist())
+    rgba = np.array(mesh.vertex_colors.as_arrow_array().to_pylist())
+    assert {hex(value) for value in rgba[corners[::2]].flat} == {"0xff0000ff"}
+    assert {hex(value) for value in rgba[corners[1::2]].flat} == {"0xff"}
+    assert len(rgba) == 6 * 6
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (True, "yes"),
+        (3, "3"),
+        (None, "–"),
+        ([], "–"),
+        (["top", False], "top, no"),
+        ("left", "left"),
+    ],
+)
+def test_a_hidden_value_reads_well(value: object, text: str) -> None:
+    assert as_text(value) == text
+
+
+# --- the process ---
+
+
+def test_recordings_leave_no_threads_behind(tmp_path: Path) -> None:
+    recorded(tmp_path / "first.rrd")
+    before = threads()
+
+    for index in range(40):
+        recorded(tmp_path / f"{index}.rrd")
+
+    assert threads() <= before + 2
+
+
+def threads() -> int:
+    """Threads of this process, native ones too."""
+    return len(list(Path("/proc/self/task").iterdir()))
+
+
+def test_recording_touches_no_file_but_its_own(tmp_path: Path) -> None:
+    """The usage statistics would make their folders in HOME before the first one is sent."""
+    home, out = tmp_path / "home", tmp_path / "out"
+    home.mkdir()
+    clean = {name: value for name, value in os.environ.items() if name[:3] not in ("CI", "XDG")}
+    script = (
+        "import sys; from pathlib import Path; from workers.recording_layout import write_layout;"
+        "from workers.recording import Recorder; from hide_tasks.contract import EpisodeSpec;"
+        "spec = EpisodeSpec(task='t', split='val', index=0, variation={});"
+        "Recorder(Path(sys.argv[1])).begin(spec, 'go', []); write_layout(Path(sys.argv[2]))"
+    )
+
+    command = [sys.executable, "-c", script, str(out / "a.rrd"), str(out / "l.rbl")]
+    subprocess.run(command, env={**clean, "HOME": str(home)}, check=True, timeout=60)
+
+    assert list(home.iterdir()) == []
+    assert sorted(file.suffix for file in out.iterdir()) == [".part", ".rbl"]
+
+
+# --- the viewer ---
+
+CHROMIUM = which("chromium") or which("chromium-browser")
+FLAGS = [
+    "--no-sandbox",
+    "--use-gl=angle",
+    "--use-angle=swiftshader",  # WebGL2 without a GPU
+    "--enable-unsafe-swiftshader",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+    "--no-first-run",
+    "--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1",
+]
+PAGE = """<!doctype html><body style="margin:0"><div id="v" style="width:100vw;height:100vh"></div>
+<script type="module">
+import { WebViewer } from "/viewer.js";
+const viewer = window.viewer = new WebViewer();
+viewer.on("recording_open", () => { window.opened = true; });
+await viewer.start(
+  [location.origin + "/layout.rbl", location.origin + "/episode.rrd"], document.getElementById("v"),
+  { hide_welcome_screen: true, width: "100%", height: "100%", theme: "light" });
+</script>"""
+
+
+@pytest.fixture
+def site(tmp_path: Path) -> Iterator[tuple[Path, str]]:
+    """A folder with the viewer and the layout, and its address."""
+    static = Path(find_spec("rerun_notebook").submodule_search_locations[0]) / "static"
+    (tmp_path / "viewer.js").write_bytes(
+        (static / "widget.js").read_bytes() + b"\nexport { WebViewer };\n"
+    )
+    (tmp_path / "re_viewer_bg.wasm").symlink_to(static / "re_viewer_bg.wasm")
+    (tmp_path / "index.html").write_text(PAGE)
+    write_layout(tmp_path / "layout.rbl")
+    with served(tmp_path) as address:
+        yield tmp_path, address
+
+
+@contextmanager
+def served(folder: Path) -> Iterator[str]:
+    handler = partial(QuietHandler, directory=str(folder))
+    server = ThreadingHTTPServer(("127.0.0.1", 0), handler)
+    thread = threading.Thread(target=server.serve_forever)
+    thread.start()
+    yield f"http://127.0.0.1:{server.server_port}/"
+    server.shutdown()
+    server.server_close()
+    thread.join()
+
+
+class QuietHandler(SimpleHTTPRequestHandler):
+    """Serves files without a line on standard error for each."""
+
+    def log_message(self, *_: Any) -> None:
+        pass
+
+
+@contextmanager
+def opened(address: str) -> Iterator[Page]:
+    """The page once the viewer has the recording."""
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
+        page = browser.new_page(viewport={"width": 1400, "height": 900})
+        page.goto(address)
+        until(page, "window.opened === true")
+        yield page
+        browser.close()
+
+
+def until(page: Page, condition: str, seconds: float = 90) -> None:
+    """Wait until an expression holds."""
+    deadline = monotonic() + seconds
+    while not page.evaluate(condition):
+        assert monotonic() < deadline, f"{condition} did not come true within {seconds:.0f} s"
+        page.wait_for_timeout(200)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not CHROMIUM, reason="no chromium: apt-get install chromium")
+def test_the_viewer_shows_a_recording_without_errors(site: tuple[Path, str]) -> None:
+    folder, address = site
+    recorded(folder / "episode.rrd")
+
+    with opened(address) as page:
+        to = {"timeline": "time", "duration_nanos": 3_000_000_000, "play_state": "paused"}
+        page.evaluate("to => viewer.set_time(to)", to)
+        page.wait_for_timeout(3000)
+        state = page.evaluate("viewer.get_state()")
+
+    views = [view["class_identifier"] for view in state["views"]]
+    assert [report for view in state["views"] for report in view["reports"]] == []
+    assert views.count("2D") == 4

@@ -1,0 +1,1 @@
+"""What runs a shard: a supervisor, and under it a simulator process and a policy process."""

@@ -1,0 +1,175 @@
+"""An evaluation without a server: which episodes, in which folder, and playing those not yet there.
+
+What is on disk decides what is left to do, so the same call resumes an interrupted run.
+"""
+
+import os
+from collections.abc import Sequence
+from contextlib import closing
+from dataclasses import dataclass
+from pathlib import Path
+
+from hide_tasks import load, suite
+from hide_tasks.contract import EpisodeResult, EpisodeSpec, Rules, Split
+from workers import policies
+from workers.engines.local import LocalEngine, Lost
+from workers.policy_process import LOAD_LIMIT
+from workers.run_folder import RECORDINGS, Results, RunFolder
+from workers.simulator import EpisodeJob, play_episode
+
+EPISODE_LIMIT = 600.0  # s of wall time for everything but the policy's answers
+POLICY_LOG = "policy.log"
+LAYOUT = "layout.rbl"
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """What is to be evaluated."""
+
+    policy: str  # POLICY of the command line
+    tasks: tuple[str, ...]
+    split: Split = "test"
+    episodes: int | None = None  # per task, the first so many of the split; None: all
+    rules: Rules = "hide"
+    recordings: bool = True
+    policy_timeout: float = 60.0  # s for one answer of a policy in a process of its own
+
+    @property
+    def specs(self) -> list[EpisodeSpec]:
+        """Its episodes, task by task.
+
+        Raises:
+            UnknownTask: a task does not exist.
+        """
+        return [
+            spec for task in self.tasks for spec in suite.episodes(task, self.split, self.episodes)
+        ]
+
+    @property
+    def results(self) -> Results:
+        """What its folder holds before the first episode."""
+        planned = {
+            task: len(suite.episodes(task, self.split, self.episodes)) for task in self.tasks
+        }
+        return Results(
+            policy=self.policy,
+            suite=suite.SUITE,
+            version=suite.VERSION,
+            split=self.split,
+            rules=self.rules,
+            tasks=list(planned),
+            budgets={task: self._budget(task) for task in planned},
+            planned=planned,
+        )
+
+    def _budget(self, task: str) -> int:
+        if self.rules == "hide":
+            return load(task).budget()
+        from hide_tasks.episode import PARITY_BUDGET
+
+        return PARITY_BUDGET
+
+
+class Watcher:
+    """Whoever wants to know how an evaluation goes on; every method may be overridden."""
+
+    def begun(self, folder: RunFolder, left: int) -> None:
+        """The folder is open, so many episodes are left to play."""
+
+    def finished(self, result: EpisodeResult) -> None:
+        """An episode is finished and on disk."""
+
+    def lost(self, episode: EpisodeSpec, reason: str, final: bool) -> None:
+        """An attempt came to nothing; unless it was the last, the episode is tried again."""
+
+
+def evaluate(
+    evaluation: Evaluation,
+    path: Path,
+    *,
+    workers: int | None = None,
+    watcher: Watcher | None = None,
+) -> Results:
+    """Plays the episodes that the folder does not hold yet; everything that it holds then.
+
+    Episodes that were lost three times are missing from it; another call tries them again.
+
+    Raises:
+        UnknownTask, BadPolicy, FolderError: asked for what cannot be; nothing was played.
+    """
+    workers = workers or count_cpus()
+    watcher = watcher or Watcher()
+    jobs = _jobs(evaluation, path, workers)
+    with RunFolder.opened(path, evaluation.results) as folder:
+        left = [job for job in jobs if _key(job.spec) not in folder.results.finished]
+        watcher.begun(folder, len(left))
+        if evaluation.recordings:
+            _write_layout(folder)
+        if left:
+            _play(left, folder, min(workers, len(left)), watcher)
+            folder.tidy()
+        return folder.results
+
+
+def count_cpus() -> int:
+    """How many processors this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def missing(results: Results) -> list[str]:
+    """Names of the episodes that were asked for and are not there."""
+    return [
+        spec.name
+        for task, count in results.planned.items()
+        for spec in suite.episodes(task, results.split, count)
+        if _key(spec) not in results.finished
+    ]
+
+
+def _write_layout(folder: RunFolder) -> None:
+    """Puts the viewer's layout beside the recordings; one serves them all."""
+    from workers.recording_layout import write_layout
+
+    write_layout(folder.recordings / LAYOUT)
+
+
+def _key(spec: EpisodeSpec) -> tuple[str, int]:
+    return spec.task, spec.index
+
+
+def _jobs(evaluation: Evaluation, path: Path, workers: int) -> list[EpisodeJob]:
+    """One job an episode, once it is certain that the policy can play it."""
+    surroundings = policies.Surroundings(
+        timeout=evaluation.policy_timeout,
+        log=path.absolute() / POLICY_LOG,
+        threads=max(1, count_cpus() // workers),
+    )
+    policy = policies.parse(evaluation.policy, surroundings)
+    recordings = path.absolute() / RECORDINGS if evaluation.recordings else None
+    jobs = [
+        EpisodeJob(spec, policy.for_episode(spec), evaluation.policy, evaluation.rules, recordings)
+        for spec in evaluation.specs
+    ]
+    if isinstance(policy, policies.Hosted):
+        policy.check()
+    return jobs
+
+
+def _play(jobs: Sequence[EpisodeJob], folder: RunFolder, workers: int, watcher: Watcher) -> None:
+    limit = max(_time_limit(job, folder.results.budgets) for job in jobs)
+    engine = LocalEngine(play_episode, workers=workers, time_limit=limit)
+    with closing(engine.run(jobs)) as outcomes:
+        for outcome in outcomes:
+            if isinstance(outcome, Lost):
+                watcher.lost(outcome.job.spec, outcome.reason, outcome.final)
+            else:
+                folder.commit(outcome.result.result, outcome.result.decisions)
+                watcher.finished(outcome.result.result)
+
+
+def _time_limit(job: EpisodeJob, budgets: dict[str, int]) -> float:
+    """Seconds after which an episode hangs; a slow policy is not to blame for that."""
+    if not isinstance(job.policy, policies.Hosted):
+        return EPISODE_LIMIT
+    answers = budgets[job.spec.task] + 1  # and the reset
+    return EPISODE_LIMIT + LOAD_LIMIT + answers * job.policy.surroundings.timeout

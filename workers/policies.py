@@ -1,0 +1,152 @@
+"""POLICY, as written on the command line, and how each kind of it is made."""
+
+import difflib
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from hide_tasks.contract import Action, EpisodeSpec, Policy, PolicyFailure
+from workers import run_folder
+from workers.policy_process import PolicyProcess
+
+BUILTIN = ("expert", "amnesiac", "random", "noop")
+ACCEPTED = (
+    f"{', '.join(BUILTIN)}, replay:DIR (a run folder), "
+    "python:module:Class or python:path/to/file.py:Class"
+)
+
+
+class BadPolicy(ValueError):
+    """POLICY names nothing that can play; the message says what is accepted or what is wrong."""
+
+
+@dataclass(frozen=True)
+class Surroundings:
+    """What a policy in a process of its own is given besides episodes."""
+
+    timeout: float = 60.0  # s for one answer
+    log: Path | None = None  # takes what it prints
+    threads: int | None = None  # for its numeric libraries
+
+
+class PolicyChoice(ABC):
+    """A policy that was asked for: what it needs to be made in another process."""
+
+    @abstractmethod
+    def make(self) -> Policy:
+        """A new policy."""
+
+    def for_episode(self, _spec: EpisodeSpec) -> "PolicyChoice":
+        """What a worker needs to play this episode.
+
+        Raises:
+            BadPolicy: the policy knows nothing of this episode.
+        """
+        return self
+
+
+@dataclass(frozen=True)
+class BuiltIn(PolicyChoice):
+    """A policy of hide_tasks; it runs inside the simulator's process."""
+
+    name: str
+
+    def make(self) -> Policy:
+        from hide_tasks import policies
+
+        return policies.make(self.name)
+
+
+@dataclass(frozen=True)
+class Actions(PolicyChoice):
+    """The recorded actions of one episode."""
+
+    actions: Sequence[Action]
+
+    def make(self) -> Policy:
+        from hide_tasks import policies
+
+        return policies.Replay(self.actions)
+
+
+@dataclass(frozen=True)
+class Replayed(PolicyChoice):
+    """The recorded actions of another run folder."""
+
+    folder: Path
+    split: str
+    actions: Mapping[tuple[str, int], Sequence[Action]]
+
+    def make(self) -> Policy:
+        raise TypeError("A replay is made for one episode at a time; call for_episode first.")
+
+    def for_episode(self, spec: EpisodeSpec) -> PolicyChoice:
+        actions = self.actions.get((spec.task, spec.index))
+        if actions is None or spec.split != self.split:
+            raise BadPolicy(
+                f"replay:{self.folder} holds no actions of {spec.name}; evaluate it there first."
+            )
+        return Actions(actions)
+
+
+@dataclass(frozen=True)
+class Hosted(PolicyChoice):
+    """A researcher's own class, in a process of its own."""
+
+    target: str  # module:Class or path/to/file.py:Class
+    surroundings: Surroundings = Surroundings()
+
+    def check(self) -> None:
+        """Loads the policy once.
+
+        Raises:
+            BadPolicy: it cannot be loaded, and why.
+        """
+        policy = replace(self, surroundings=replace(self.surroundings, log=None)).make()
+        try:
+            policy.load()
+        except PolicyFailure as error:
+            raise BadPolicy(f"python:{self.target} cannot be loaded: {error}") from None
+        finally:
+            policy.close()
+
+    def make(self) -> PolicyProcess:
+        where = self.surroundings
+        return PolicyProcess(
+            self.target, timeout=where.timeout, log=where.log, threads=where.threads
+        )
+
+
+def parse(text: str, surroundings: Surroundings = Surroundings()) -> PolicyChoice:
+    """The policy that POLICY names.
+
+    Raises:
+        BadPolicy: it names none.
+    """
+    kind, _, rest = text.partition(":")
+    if text in BUILTIN:
+        return BuiltIn(text)
+    if kind == "replay" and rest:
+        return read_replay(Path(rest))
+    if kind == "python" and all(rest.rpartition(":")[::2]):
+        return Hosted(rest, surroundings)
+    raise BadPolicy(f"No policy '{text}'.{_nearest(text)} Policies: {ACCEPTED}.")
+
+
+def _nearest(text: str) -> str:
+    near = difflib.get_close_matches(text, BUILTIN, n=1)
+    return f" Did you mean {near[0]}?" if near else ""
+
+
+def read_replay(folder: Path) -> Replayed:
+    """The recorded actions of a run folder.
+
+    Raises:
+        BadPolicy: it is no run folder.
+    """
+    try:
+        actions = run_folder.read_actions(folder)
+        return Replayed(folder, run_folder.read(folder).split, actions)
+    except run_folder.FolderError as error:
+        raise BadPolicy(f"replay:{folder} has nothing to replay: {error}") from None

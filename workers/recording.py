@@ -1,0 +1,341 @@
+"""One episode as a Rerun recording: a witness that writes what can be watched later.
+
+A decision's picture stands at the moment before its action; what the action brought about stands
+at the moment after, under the next decision. So decision k shows what the policy saw, and what
+was true, when it chose. Rows are collected and sent entity by entity, because many small chunks
+make a file slow and four times as large; a slow episode is sent every few seconds, so that its
+growing file can be watched.
+
+The SDK (0.41) opens no connection and touches no file but the recording. Its command line does
+both, for usage statistics, unless CI is set in the environment.
+"""
+
+import io
+import json
+import uuid
+from collections.abc import Sequence
+from datetime import timedelta
+from pathlib import Path
+from time import monotonic
+from typing import TYPE_CHECKING, Any, Self
+
+import numpy as np
+import rerun as rr
+import rerun_bindings
+from numpy.typing import NDArray
+from PIL import Image
+from rerun.chunk import RrdReader
+from scipy.spatial.transform import Rotation
+
+from hide_tasks.contract import (
+    Belief,
+    CameraView,
+    DecisionRecord,
+    EpisodeResult,
+    EpisodeSpec,
+    Keyframe,
+    Observation,
+    Value,
+)
+from workers.recording_layout import (
+    APPLICATION,
+    BELIEF,
+    CHECKS,
+    HIDDEN,
+    LOG,
+    SIGNALS,
+    STAGE,
+    SUMMARY,
+    TARGET,
+    WORLD,
+    Lanes,
+    Moment,
+    Rows,
+    camera_path,
+)
+
+if TYPE_CHECKING:  # whoever reads a recording needs no simulator
+    from hide_tasks.bullet.meshes import Mesh
+    from hide_tasks.bullet.scene import Part
+
+JPEG_QUALITY = 90
+MILLIMETRES = 1000.0  # depth images: units per metre, up to 65 m
+SEND_EVERY = 2.0  # s of wall time between two pieces of a growing file
+STILL = 1e-5  # poses that changed by less (metres, entries of the rotation) are not written again
+
+Array = NDArray[np.float64]
+_PROPERTIES = ["/__properties/episode", "/__properties/verdict"]
+
+
+class Recorder:
+    """Writes one episode to `path`; until its end the file is `partial`, beside it.
+
+    As a context it leaves nothing behind of an episode that raises. One instance, one attempt.
+    """
+
+    def __init__(self, path: Path, *, policy: str | None = None):
+        self.attempt = uuid.uuid4().hex  # also the recording's id
+        self.path = Path(path)
+        self.partial = self.path.with_name(f"{self.path.name}.{self.attempt[:8]}.part")
+        self._policy = policy
+        self._rows = Rows()
+        self._lanes = Lanes(self._rows)
+        self._stream: rr.RecordingStream | None = None
+        self._decision, self._chosen_at, self._now = 0, 0.0, 0.0
+        self._violations: set[str] = set()
+
+    # --- what a witness is told ---
+
+    def begin(self, spec: EpisodeSpec, instruction: str, parts: Sequence["Part"]) -> None:
+        """Open the file and write what does not change.
+
+        Raises:
+            ValueError: a part's name is a folder of another's, whose motion it would inherit.
+        """
+        self._entities = _part_paths([part.name for part in parts])
+        self._poses = np.full((len(parts), 4, 4), np.inf)
+        self._stream = stream = self._opened()
+        stream.send_recording_name(spec.name)
+        stream.send_property("episode", _values(self._identity(spec, instruction)))
+        stream.log(WORLD, rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+        stream.log(TARGET, rr.TransformAxes3D(axis_length=0.07), static=True)
+        for entity, part in zip(self._entities, parts, strict=True):
+            stream.log(entity, drawn(part.mesh), static=True)
+        self._summary = f"## {instruction}\n\n{spec.name}" + f" · {self._policy}" * bool(self._policy)
+        self._summarise(Moment(0.0, 0), self._summary)
+        self._send()
+
+    def frame(self, time: float, poses: Array) -> None:
+        """Take the parts' world transforms (n, 4, 4) at a simulated time in seconds."""
+        self._now = time
+        moved = np.flatnonzero(np.abs(poses - self._poses).max(axis=(1, 2)) > STILL)
+        if not moved.size:
+            return
+        self._poses[moved] = poses[moved]
+        moment = Moment(time, self._decision + (time > self._chosen_at))
+        quaternions = Rotation.from_matrix(poses[moved, :3, :3]).as_quat()
+        for part, quaternion in zip(moved, quaternions, strict=True):
+            self._place(self._entities[part], moment, poses[part, :3, 3], quaternion)
+
+    def decided(self, observation: Observation, record: DecisionRecord) -> None:
+        """Take what was seen before an action, and what the action came to."""
+        before = Moment(self._chosen_at, record.decision)
+        after = Moment(record.time, record.decision + 1)
+        self._observe(before, observation)
+        if isinstance(record.action, Keyframe):
+            self._place(TARGET, before, record.action.pose[:3], record.action.pose[3:])
+        self._know(after, record)
+        self._tell(after, record)
+        self._chosen_at, self._decision = after
+        if monotonic() - self._sent_at > SEND_EVERY:
+            self._send()
+
+    def end(self, result: EpisodeResult, observation: Observation) -> None:
+        """Take the last picture and the verdicts; the file gets its name."""
+        assert self._stream is not None, "begin comes before end"
+        last = Moment(max(self._now, self._chosen_at), self._decision)
+        self._observe(last, observation)
+        verdict = _verdict(result)
+        self._log(last, verdict, _level(bad=not result.exact))
+        self._summarise(last, f"{self._summary}\n\n**{verdict}**")
+        self._stream.send_property("verdict", _values(_verdicts(result)))
+        self._send()
+        self._close()
+        self.partial.replace(self.path)
+
+    # --- the file ---
+
+    def discard(self) -> None:
+        """Drop an episode that did not end. After `end` it does nothing."""
+        self._close()
+        self.partial.unlink(missing_ok=True)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.discard()
+
+    def _opened(self) -> rr.RecordingStream:
+        self.path.parent.mkdir(parents=True, exist_ok=True)
+        batches = rr.ChunkBatcherConfig(flush_tick=timedelta(hours=1))
+        stream = rr.RecordingStream(APPLICATION, recording_id=self.attempt, batcher_config=batches)
+        stream.save(self.partial)
+        return stream
+
+    def _send(self) -> None:
+        assert self._stream is not None, "begin comes first"
+        self._lanes.explain(self._stream)
+        self._rows.send(self._stream)
+        self._stream.flush()
+        self._sent_at = monotonic()
+
+    def _close(self) -> None:
+        if self._stream is None:
+            return
+        self._stream.flush()
+        self._stream.disconnect()
+        self._stream = None
+        # Else every recording leaves two threads and its memory behind (rerun issue 2116).
+        rerun_bindings.flush_and_cleanup_orphaned_recordings()
+
+    def _identity(self, spec: EpisodeSpec, instruction: str) -> dict[str, Value]:
+        return {
+            "suite": f"{spec.suite} {spec.version}",
+            "task": spec.task,
+            "split": spec.split,
+            "index": spec.index,
+            "variation": json.dumps(spec.variation),
+            "instruction": instruction,
+            "policy": self._policy,
+        }
+
+    # --- its rows ---
+
+    def _place(self, entity: str, moment: Moment, position: Array, quaternion: Array) -> None:
+        self._rows.add(entity, rr.Transform3D, moment, translation=position, quaternion=quaternion)
+
+    def _observe(self, moment: Moment, observation: Observation) -> None:
+        for name, view in observation.views.items():
+            if moment.decision == 0 and self._stream:
+                self._stream.log(camera_path(name), _lens(view), static=True)
+            self._picture(camera_path(name), moment, view)
+        opening = observation.gripper_opening
+        self._rows.add(f"{SIGNALS}/gripper_opening", rr.Scalars, moment, scalars=opening)
+
+    def _picture(self, camera: str, moment: Moment, view: CameraView) -> None:
+        turned = Rotation.from_matrix(view.camera_to_world[:3, :3]).as_quat()
+        self._place(camera, moment, view.camera_to_world[:3, 3], turned)
+        rgb = {"blob": jpeg(view.rgb), "media_type": "image/jpeg"}
+        depth = {"blob": png(view.depth), "media_type": "image/png", "meter": MILLIMETRES}
+        self._rows.add(f"{camera}/rgb", rr.EncodedImage, moment, **rgb)
+        self._rows.add(f"{camera}/depth", rr.EncodedDepthImage, moment, **depth)
+
+    def _know(self, moment: Moment, record: DecisionRecord) -> None:
+        self._lanes.set(moment, {STAGE: record.stage})
+        self._lanes.set(moment, record.hidden, HIDDEN)
+        self._lanes.set(moment, {**record.checks, "all at some step": record.success}, CHECKS)
+        if record.belief:
+            self._believe(moment, record.belief)
+
+    def _believe(self, moment: Moment, belief: Belief) -> None:
+        believed = belief.model_dump(exclude_none=True)
+        similarity = believed.pop("anchor_similarity", None)
+        self._lanes.set(moment, believed, BELIEF)
+        if similarity is not None:
+            entity = f"{SIGNALS}/anchor_similarity"
+            self._rows.add(entity, rr.Scalars, moment, scalars=similarity)
+
+    def _tell(self, moment: Moment, record: DecisionRecord) -> None:
+        for event in record.events:
+            happened = Moment(event.time, moment.decision)
+            self._log(happened, f"{event.name}: {event.total}", rr.TextLogLevel.INFO)
+        self._log(moment, _outcome(record), _level(bad=record.outcome.failed))
+        for violation in sorted(set(record.violations) - self._violations):
+            self._violations.add(violation)
+            self._log(moment, f"violation: {violation}", rr.TextLogLevel.WARN)
+
+    def _log(self, moment: Moment, text: str, level: str) -> None:
+        self._rows.add(LOG, rr.TextLog, moment, text=text, level=level)
+
+    def _summarise(self, moment: Moment, text: str) -> None:
+        self._rows.add(SUMMARY, rr.TextDocument, moment, text=text, media_type="text/markdown")
+
+
+# --- what is written, and read again ---
+
+
+def properties_of(path: Path) -> dict[str, Value]:
+    """What a recording says of itself.
+
+    suite, task, split, index, variation (JSON), instruction, policy if it was given; success,
+    exact, failure (absent if there was none), decisions, scene_hash if the episode ended.
+    """
+    found: dict[str, Value] = {}
+    for chunk in RrdReader(path).stream().filter(content=_PROPERTIES).to_chunks():
+        columns = chunk.to_record_batch().to_pydict()
+        found |= {name: rows[0][0] for name, rows in columns.items() if "." not in name}
+    return found
+
+
+def drawn(mesh: "Mesh") -> rr.Mesh3D:
+    """The mesh as the viewer wants it: coloured vertices, split where the faces' colours differ."""
+    if mesh.colors is None:
+        return rr.Mesh3D(
+            vertex_positions=mesh.vertices, triangle_indices=mesh.faces, vertex_normals=mesh.normals
+        )
+    color = mesh.colors.astype(np.int64) @ (1 << 16, 1 << 8, 1)
+    corners = mesh.faces.astype(np.int64).reshape(-1) << 24 | np.repeat(color, 3)
+    split, corner = np.unique(corners, return_inverse=True)
+    vertex = split >> 24
+    rgba = ((split & 0xFFFFFF) << 8 | 0xFF).astype(np.uint32)
+    return rr.Mesh3D(
+        vertex_positions=mesh.vertices[vertex].astype(np.float32),
+        triangle_indices=corner.reshape(-1, 3).astype(np.uint32),
+        vertex_normals=mesh.normals[vertex].astype(np.float32),
+        vertex_colors=rgba,
+    )
+
+
+def jpeg(rgb: NDArray[np.uint8]) -> bytes:
+    """A colour image (h, w, 3) as a file."""
+    file = io.BytesIO()
+    Image.fromarray(rgb).save(file, "JPEG", quality=JPEG_QUALITY)
+    return file.getvalue()
+
+
+def png(depth: NDArray[np.float32]) -> bytes:
+    """A depth image (h, w) in metres as a 16-bit file in millimetres."""
+    file = io.BytesIO()
+    units = np.clip(np.nan_to_num(depth) * MILLIMETRES + 0.5, 0, 65535).astype(np.uint16)
+    Image.fromarray(units).save(file, "PNG", compress_level=3)
+    return file.getvalue()
+
+
+def _part_paths(names: Sequence[str]) -> list[str]:
+    for name in names:
+        inside = [other for other in names if other.startswith(f"{name}/")]
+        if inside:
+            raise ValueError(
+                f"Part {inside[0]!r} would move with part {name!r}; "
+                f"expected names of which none is a folder of another, like '{name}/base'."
+            )
+    return [f"{WORLD}/{rr.new_entity_path(name.split('/')).lstrip('/')}" for name in names]
+
+
+def _lens(view: CameraView) -> rr.Pinhole:
+    height, width = view.depth.shape
+    return rr.Pinhole(
+        image_from_camera=view.intrinsics, width=width, height=height, image_plane_distance=0.12
+    )
+
+
+def _level(*, bad: bool) -> str:
+    return rr.TextLogLevel.WARN if bad else rr.TextLogLevel.INFO
+
+
+def _outcome(record: DecisionRecord) -> str:
+    how = [record.path] * bool(record.path) + ["after a second plan"] * record.retried
+    motion = f"{record.outcome}" + f" ({', '.join(how)})" * bool(how)
+    stop = ", stop" * record.action.stop
+    return f"decision {record.decision}: {record.action.kind}{stop} → {motion}"
+
+
+def _verdict(result: EpisodeResult) -> str:
+    if result.exact:
+        return "success, exact"
+    return f"{'success, not exact' if result.success else 'no success'}: {result.failure}"
+
+
+def _verdicts(result: EpisodeResult) -> dict[str, Value]:
+    return {
+        "success": result.success,
+        "exact": result.exact,
+        "failure": result.failure,
+        "decisions": result.decisions,
+        "scene_hash": result.scene_hash,
+    }
+
+
+def _values(values: dict[str, Value]) -> rr.AnyValues:
+    return rr.AnyValues(**{name: value for name, value in values.items() if value is not None})

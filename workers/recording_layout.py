@@ -1,0 +1,183 @@
+"""What a recording is made of: its entities, timelines and lanes, and how the viewer shows them.
+
+One layout serves every recording of every task: it asks for entities by folder, never by a
+task's names. It is a file of its own because inside a recording it costs 83 KB and two leaked
+threads (0.41), and could not be improved later.
+"""
+
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import rerun as rr
+import rerun.blueprint as rrb
+
+from hide_tasks.contract import CAMERAS
+
+APPLICATION = "hide_seek"  # a layout applies to recordings of the same application
+TIME = "time"  # timeline: simulated time
+DECISION = "decision"  # timeline: what the policy saw, and what was true, when it chose
+
+WORLD = "/world"
+TARGET = f"{WORLD}/target"  # the pose that a keyframe asks for
+LANES = "/lanes"  # 1_stage, 2_hidden/…, 3_checks/…: states over time
+SIGNALS = "/signals"  # numbers over time
+SUMMARY = "/summary"  # instruction and verdict
+LOG = "/log"
+
+# Lanes are sorted by path, hence the figures.
+STAGE, HIDDEN, CHECKS, BELIEF = "1 stage", "2 hidden", "3 checks", "4 belief"
+
+EYE = (1.45, -0.95, 1.75)  # m; to the right of who faces the robot, above the table
+EYE_TARGET = (0.18, 0.0, 0.88)
+
+YES, NO = (88, 140, 120), (150, 146, 140)
+NOTHING = (196, 192, 186)
+SHADES = (
+    (84, 132, 176), (217, 154, 90), (141, 117, 165), (88, 140, 120), (199, 110, 110),
+    (95, 158, 168), (176, 160, 80), (122, 122, 130), (196, 130, 170), (110, 150, 84),
+)  # fmt: skip
+
+
+def camera_path(name: str) -> str:
+    """The entity of a camera; its pictures are its children `rgb` and `depth`."""
+    return f"{WORLD}/cameras/{name}"
+
+
+def write_layout(path: Path) -> None:
+    """Write the layout file (`.rbl`) that opens well beside any recording."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    layout().save(APPLICATION, str(path))
+
+
+def layout() -> rrb.Blueprint:
+    """Scene, instruction and cameras above; states over time and the log below."""
+    above = rrb.Horizontal(_scene(), _seen(), column_shares=[3, 2])
+    below = rrb.Horizontal(_states(), _told(), column_shares=[3, 2])
+    return rrb.Blueprint(
+        rrb.Vertical(above, below, row_shares=[3, 2]),
+        rrb.BlueprintPanel(state="hidden"),
+        rrb.SelectionPanel(state="hidden"),
+        rrb.TimePanel(state="collapsed", timeline=TIME),
+        auto_views=False,
+        auto_layout=False,
+    )
+
+
+def _scene() -> rrb.Spatial3DView:
+    clouds = [f"- {camera_path(name)}/depth" for name in CAMERAS]
+    return rrb.Spatial3DView(
+        origin=WORLD,
+        name="Scene",
+        contents=["$origin/**", *clouds],
+        background=(236, 238, 240),
+        line_grid=False,
+        eye_controls=rrb.EyeControls3D(position=EYE, look_target=EYE_TARGET, eye_up=(0, 0, 1)),
+    )
+
+
+def _seen() -> rrb.Vertical:
+    pictures = rrb.Tabs(_pictures("rgb", "Cameras"), _pictures("depth", "Depth"), active_tab=0)
+    summary = rrb.TextDocumentView(origin=SUMMARY, name="Episode")
+    return rrb.Vertical(summary, pictures, row_shares=[1, 3])
+
+
+def _pictures(kind: str, title: str) -> rrb.Grid:
+    views = (
+        rrb.Spatial2DView(
+            origin=camera_path(name), name=name.replace("_", " "), contents=f"$origin/{kind}"
+        )
+        for name in CAMERAS
+    )
+    return rrb.Grid(*views, grid_columns=2, name=title)
+
+
+def _states() -> rrb.StateTimelineView:
+    return rrb.StateTimelineView(origin=LANES, name="Stage, hidden state, checks")
+
+
+def _told() -> rrb.Tabs:
+    log = rrb.TextLogView(origin=LOG, name="Log")
+    return rrb.Tabs(log, rrb.TimeSeriesView(origin=SIGNALS, name="Signals"), active_tab=0)
+
+
+class Moment(NamedTuple):
+    """Where a row stands on the two timelines."""
+
+    time: float  # simulated seconds
+    decision: int
+
+
+class Rows:
+    """Rows by entity and archetype, sent as columns: a chunk an entity, not a chunk a row."""
+
+    def __init__(self) -> None:
+        self._rows: dict[tuple[str, Any], list[tuple[Moment, dict[str, Any]]]] = defaultdict(list)
+
+    def add(self, entity: str, archetype: Any, moment: Moment, **values: Any) -> None:
+        """Keep one row; an entity's rows of one archetype name the same values."""
+        self._rows[entity, archetype].append((moment, values))
+
+    def send(self, stream: rr.RecordingStream) -> None:
+        """Hand everything kept to the stream, and forget it."""
+        for (entity, archetype), rows in self._rows.items():
+            moments, values = zip(*rows, strict=True)
+            times, decisions = zip(*moments, strict=True)
+            columns = {name: [row[name] for row in values] for name in values[0]}
+            stream.send_columns(
+                entity,
+                [rr.TimeColumn(TIME, duration=times), rr.TimeColumn(DECISION, sequence=decisions)],
+                archetype.columns(**columns),
+            )
+        self._rows.clear()
+
+
+class Lanes:
+    """States over time, written when they change, with a colour for every value they took."""
+
+    def __init__(self, rows: Rows) -> None:
+        self._rows = rows
+        self._now: dict[str, str] = {}
+        self._taken: dict[str, list[str]] = defaultdict(list)
+        self._unexplained: list[str] = []
+
+    def set(self, moment: Moment, values: Mapping[str, object], *folder: str) -> None:
+        """The named values hold from this moment on."""
+        for name, value in values.items():
+            lane = rr.new_entity_path([LANES.strip("/"), *folder, name])
+            state = as_text(value)
+            if self._now.get(lane) != state:
+                self._rows.add(lane, rr.StateChange, moment, state=state)
+                self._now[lane] = state
+                self._explain_later(lane, state)
+
+    def explain(self, stream: rr.RecordingStream) -> None:
+        """Write the colours of the lanes that took a value for the first time."""
+        for lane in dict.fromkeys(self._unexplained):
+            states = self._taken[lane]
+            style = rr.StateConfiguration(values=states, colors=_colors(states))
+            stream.log(lane, style, static=True)
+        self._unexplained.clear()
+
+    def _explain_later(self, lane: str, state: str) -> None:
+        if state not in self._taken[lane]:
+            self._taken[lane].append(state)
+            self._unexplained.append(lane)
+
+
+def as_text(value: object) -> str:
+    """A hidden value as a lane shows it."""
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if value is None or value == []:
+        return "–"
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        return ", ".join(as_text(item) for item in value)
+    return str(value)
+
+
+def _colors(states: Sequence[str]) -> list[tuple[int, int, int]]:
+    """A colour for each value, the same ones however many follow."""
+    fixed = {"yes": YES, "no": NO, "–": NOTHING}
+    return [fixed.get(state, SHADES[i % len(SHADES)]) for i, state in enumerate(states)]

@@ -1,0 +1,289 @@
+"""A run's folder: `results.json` is the truth, `decisions.jsonl` and `recordings/` belong to it.
+
+An episode is finished when `results.json` names it; its decisions and its recording are on disk
+before that. So a run that is killed at any moment loses at most the episodes in flight, and
+opening the folder again clears what they left behind.
+"""
+
+import errno
+import fcntl
+import json
+import os
+from collections.abc import Iterable, Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, Self
+
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from hide_tasks import ALL_TASKS
+from hide_tasks.contract import (
+    Action,
+    DecisionRecord,
+    EpisodeResult,
+    InvalidAction,
+    Rules,
+    Split,
+    parse_action,
+)
+from workers.machine import fingerprint
+
+RESULTS = "results.json"
+DECISIONS = "decisions.jsonl"
+RECORDINGS = "recordings"
+LOCK = ".lock"
+PART = ".part"  # ends the name of a file that is still being written
+
+
+class FolderError(ValueError):
+    """The folder cannot take this run; nothing in it was touched."""
+
+
+class Results(BaseModel):
+    """What `results.json` holds."""
+
+    model_config = ConfigDict(extra="ignore")
+
+    policy: str
+    suite: str
+    version: int
+    split: Split
+    rules: Rules
+    tasks: list[str]
+    budgets: dict[str, int]  # decisions an episode may take, per task
+    planned: dict[str, int]  # episodes asked for, per task: the first so many of the split
+    machine: dict[str, str] = {}
+    created: str = ""
+    episodes: list[EpisodeResult] = []
+
+    def same_run(self, other: "Results") -> str | None:
+        """Why episodes of these two may not stand in one file; None if they may."""
+        for field in ("policy", "suite", "version", "split", "rules"):
+            if getattr(self, field) != getattr(other, field):
+                return f"{field} {getattr(self, field)}, not {getattr(other, field)}"
+        for task in set(self.budgets) & set(other.budgets):
+            if self.budgets[task] != other.budgets[task]:
+                return f"a budget of {self.budgets[task]} for {task}, not {other.budgets[task]}"
+        return None
+
+    def dated(self) -> "Results":
+        """These results, begun now on this machine."""
+        now = datetime.now(UTC).isoformat("T", "seconds")
+        return self.model_copy(update={"machine": fingerprint(), "created": now})
+
+    def grown(self, wanted: "Results") -> "Results":
+        """These results with the tasks and episodes that another run wants as well."""
+        planned = {
+            task: max(self.planned.get(task, 0), wanted.planned.get(task, 0))
+            for task in in_order({*self.tasks, *wanted.tasks})
+        }
+        budgets = {task: (self.budgets | wanted.budgets)[task] for task in planned}
+        changes = {"tasks": list(planned), "planned": planned, "budgets": budgets}
+        return self.model_copy(update=changes)
+
+    def with_episode(self, result: EpisodeResult) -> "Results":
+        """These results and one more episode, in order."""
+        episodes = [*self.episodes, result]
+        place = {task: number for number, task in enumerate(self.tasks)}
+        episodes.sort(key=lambda episode: (place[episode.task], episode.index))
+        return self.model_copy(update={"episodes": episodes})
+
+    @property
+    def complete(self) -> bool:
+        """True when every episode that was asked for is there."""
+        return len(self.episodes) >= sum(self.planned.values())
+
+    @property
+    def finished(self) -> set[tuple[str, int]]:
+        """(task, index) of every episode."""
+        return {(episode.task, episode.index) for episode in self.episodes}
+
+
+def in_order(tasks: Iterable[str]) -> list[str]:
+    """Tasks in the order of the catalogue."""
+    place = {task: number for number, task in enumerate(ALL_TASKS)}
+    return sorted(tasks, key=lambda task: (place.get(task, len(place)), task))
+
+
+class RunFolder:
+    """The folder of one run, held by one process. Made by `opened`; use it in a `with`."""
+
+    def __init__(self, path: Path, results: Results, lock: int):
+        self.path = path
+        self.results = results
+        self._lock = lock
+
+    @classmethod
+    def opened(cls, path: Path, wanted: Results) -> Self:
+        """A new folder for these results, or the one that is there, cleared of unfinished episodes.
+
+        Raises:
+            FolderError: it holds another run or something else, is in use, or cannot be written.
+        """
+        _examine(path, wanted)
+        try:
+            path.mkdir(parents=True, exist_ok=True)
+            lock = _lock(path)
+        except OSError as error:
+            raise FolderError(f"{path} cannot be written: {error.strerror}.") from None
+        try:
+            return cls._taken(path, wanted, lock)
+        except BaseException:
+            os.close(lock)
+            raise
+
+    @classmethod
+    def _taken(cls, path: Path, wanted: Results, lock: int) -> Self:
+        there = _examine(path, wanted)  # again: it may have changed before it was ours
+        (path / RECORDINGS).mkdir(exist_ok=True)
+        results = there.grown(wanted) if there else wanted.dated()
+        folder = cls(path, results, lock)
+        folder.tidy()
+        folder._save()
+        return folder
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        os.close(self._lock)
+
+    @property
+    def recordings(self) -> Path:
+        """Where recordings are written."""
+        return self.path / RECORDINGS
+
+    def commit(self, result: EpisodeResult, decisions: Sequence[DecisionRecord]) -> None:
+        """Keeps a finished episode, whatever happens next."""
+        lines = [_line(result.task, result.index, decision) for decision in decisions]
+        with open(self.path / DECISIONS, "a", encoding="utf-8") as file:
+            file.writelines(lines)
+            _flush(file)
+        self.results = self.results.with_episode(result)
+        self._save()
+
+    def tidy(self) -> None:
+        """Removes what unfinished episodes left behind, and brings the decisions into order.
+
+        Raises:
+            FolderError: a line of the decisions is damaged.
+        """
+        keys = [(episode.task, episode.index) for episode in self.results.episodes]
+        place = {key: number for number, key in enumerate(keys)}
+        lines = [line for line in _decision_lines(self.path) if _key(line) in place]
+        _replace(self.path / DECISIONS, sorted(lines, key=lambda line: place[_key(line)]))
+        for file in self.recordings.glob(f"*{PART}"):
+            file.unlink()
+
+    def _save(self) -> None:
+        text = json.dumps(self.results.model_dump(mode="json"), indent=1) + "\n"
+        _replace(self.path / RESULTS, [text])
+
+
+def read(path: Path) -> Results:
+    """The results in a run's folder.
+
+    Raises:
+        FolderError: there are none.
+    """
+    try:
+        return Results.model_validate_json((path / RESULTS).read_bytes())
+    except ValidationError as error:
+        fault = error.errors()[0]
+        where = ".".join(str(part) for part in fault["loc"])
+        raise FolderError(f"{path / RESULTS} is not a run's: {where} {fault['msg']}.") from None
+    except OSError as error:
+        raise FolderError(f"{path} is no run's folder: {error.strerror}, {RESULTS}.") from None
+
+
+def read_actions(path: Path) -> dict[tuple[str, int], list[Action]]:
+    """The recorded actions of every finished episode, by (task, index).
+
+    Raises:
+        FolderError: the folder is not a run's, or its decisions are damaged.
+    """
+    actions: dict[tuple[str, int], list[Action]] = {key: [] for key in read(path).finished}
+    for line in _decision_lines(path):
+        if _key(line) in actions:
+            actions[_key(line)].append(_action(line))
+    return actions
+
+
+def _examine(path: Path, wanted: Results) -> Results | None:
+    """The results that are there, None in a new folder.
+
+    Raises:
+        FolderError: they are another run's, or the folder is something else.
+    """
+    if not path.exists():
+        return None
+    if not path.is_dir():
+        raise FolderError(f"{path} is a file; expected a folder for the run.")
+    names = {file.name for file in path.iterdir()} - {LOCK, RECORDINGS, f".{RESULTS}{PART}"}
+    if not names:
+        return None
+    if RESULTS not in names:
+        raise FolderError(f"{path} holds something else ({min(names)}); give a new folder.")
+    there = read(path)
+    if difference := there.same_run(wanted):
+        raise FolderError(f"{path} holds a run with {difference}; give a new folder.")
+    return there
+
+
+def _lock(path: Path) -> int:
+    lock = os.open(path / LOCK, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+    try:
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError as error:
+        os.close(lock)
+        if error.errno in (errno.EWOULDBLOCK, errno.EACCES):
+            raise FolderError(f"{path} is in use by another run; wait, or give another.") from None
+        raise
+    return lock
+
+
+def _decision_lines(path: Path) -> list[str]:
+    """Complete lines; a last line without its end was cut off by a crash."""
+    try:
+        text = (path / DECISIONS).read_text(encoding="utf-8", errors="replace")
+    except FileNotFoundError:
+        return []
+    return [f"{line}\n" for line in text.split("\n")[:-1]]
+
+
+def _line(task: str, index: int, decision: DecisionRecord) -> str:
+    return json.dumps({"task": task, "index": index, **decision.model_dump(mode="json")}) + "\n"
+
+
+def _key(line: str) -> tuple[str, int]:
+    try:
+        decision: dict[str, Any] = json.loads(line)
+        return decision["task"], decision["index"]
+    except (ValueError, KeyError, TypeError):
+        raise FolderError(f"{DECISIONS} is damaged at: {line[:60].strip()}") from None
+
+
+def _action(line: str) -> Action:
+    try:
+        return parse_action(json.loads(line)["action"])
+    except (KeyError, InvalidAction) as error:
+        raise FolderError(f"{DECISIONS} is damaged: {error}") from None
+
+
+def _replace(path: Path, lines: Iterable[str]) -> None:
+    """Writes a file whole or not at all, power cuts included."""
+    part = path.with_name(f".{path.name}{PART}")
+    with open(part, "w", encoding="utf-8") as file:
+        file.writelines(lines)
+        _flush(file)
+    part.replace(path)
+    directory = os.open(path.parent, os.O_RDONLY)
+    try:
+        os.fsync(directory)
+    finally:
+        os.close(directory)
+
+
+def _flush(file: Any) -> None:
+    file.flush()
+    os.fsync(file.fileno())

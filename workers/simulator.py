@@ -1,0 +1,71 @@
+"""What a worker process does: play one episode, with a recording if one is wanted."""
+
+import atexit
+import contextlib
+from dataclasses import dataclass
+from pathlib import Path
+
+from hide_tasks.contract import DecisionRecord, EpisodeResult, EpisodeSpec, Policy, Rules
+from workers.policies import Hosted, PolicyChoice
+from workers.policy_process import PolicyProcess
+
+
+@dataclass(frozen=True)
+class EpisodeJob:
+    """One episode to play, whole and small enough to be sent to another process."""
+
+    spec: EpisodeSpec
+    policy: PolicyChoice
+    policy_text: str  # as it was asked for; the recording names it
+    rules: Rules = "hide"
+    recordings: Path | None = None  # the folder for them; None: none is made
+
+
+@dataclass(frozen=True)
+class PlayedEpisode:
+    """An episode's verdicts and its decisions."""
+
+    result: EpisodeResult
+    decisions: list[DecisionRecord]
+
+
+def play_episode(job: EpisodeJob) -> PlayedEpisode:
+    """Plays an episode in this process.
+
+    Raises:
+        Exception: the simulator or the recording failed; a policy's failure is in the result.
+    """
+    from hide_tasks.episode import play  # only a process that plays pays for the simulator
+
+    policy = _policy(job.policy)
+    with contextlib.ExitStack() as stack:
+        witnesses = [stack.enter_context(_recorder(job))] if job.recordings else []
+        result, decisions = play(job.spec, policy, rules=job.rules, witnesses=witnesses)
+    if job.recordings:
+        name = f"{job.recordings.name}/{_recording_name(job.spec)}"
+        result = result.model_copy(update={"recording": name})
+    return PlayedEpisode(result, decisions)
+
+
+def _recorder(job: EpisodeJob):  # type: ignore[no-untyped-def]
+    from workers.recording import Recorder
+
+    assert job.recordings is not None
+    return Recorder(job.recordings / _recording_name(job.spec), policy=job.policy_text)
+
+
+def _recording_name(spec: EpisodeSpec) -> str:
+    return f"{spec.name}.rrd"
+
+
+_hosted: dict[Hosted, PolicyProcess] = {}
+
+
+def _policy(choice: PolicyChoice) -> Policy:
+    """A policy for one episode; one in a process of its own stays for the next episode."""
+    if not isinstance(choice, Hosted):
+        return choice.make()
+    if choice not in _hosted:
+        _hosted[choice] = choice.make()
+        atexit.register(_hosted[choice].close)
+    return _hosted[choice]
