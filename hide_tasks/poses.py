@@ -55,6 +55,13 @@ def multiply(a: Array, b: Array) -> Array:
     )
 
 
+def from_rotation_vector(vector: Array) -> Array:
+    """The quaternion that turns about a vector (3,) by its length in rad."""
+    angle = math.sqrt(float(vector @ vector))
+    axis = vector / angle if angle > 1e-12 else vector
+    return np.concatenate([axis * math.sin(angle / 2), [math.cos(angle / 2)]])
+
+
 def matrix(p: Array) -> Array:
     """(4, 4) of a pose."""
     result = np.eye(4)

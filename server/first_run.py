@@ -5,6 +5,7 @@ What is there already is not played again.
 
 import sys
 from collections.abc import Mapping, Sequence
+from itertools import groupby
 from pathlib import Path
 
 from rich.console import Console
@@ -14,7 +15,7 @@ from hide_tasks import ALL_TASKS
 from hide_tasks.certificates import certificate
 from server.arguments import BadUsage
 from server.run import run
-from server.tables import Row, by_category, by_task, label, percent, summed
+from server.tables import Row, by_task, label, percent, summed
 from workers.evaluation import LAYOUT, Evaluation
 from workers.run_folder import RECORDINGS, Results
 
@@ -52,12 +53,10 @@ def tables(runs: Mapping[str, Results]) -> list[Table]:
     """Policies below, tasks beside each other, both verdicts with intervals, and ceilings."""
     rows = {name: by_task(results) for name, results in runs.items()}
     columns = next(iter(rows.values()))
-    if len(columns) <= MOST_COLUMNS:
-        return [_table(rows, [row.name for row in columns])]
-    groups = [
-        [row.name for row in columns if row.category == c.category] for c in by_category(columns)
-    ]
-    return [_table(rows, names) for names in groups]
+    groups = [columns]
+    if len(columns) > MOST_COLUMNS:
+        groups = [list(group) for _, group in groupby(columns, key=lambda row: row.category)]
+    return [_table(rows, [row.name for row in group]) for group in groups]
 
 
 def _table(rows: Mapping[str, Sequence[Row]], names: Sequence[str]) -> Table:
@@ -93,6 +92,8 @@ def where_to_look(runs: Mapping[str, Results], folder: Path) -> str:
     """How to see an episode: one that went wrong for want of memory, if there is one."""
     name = "amnesiac" if any(one.failure for one in runs["amnesiac"].episodes) else "expert"
     recorded = [one for one in runs[name].episodes if one.recording]
+    if not recorded:
+        return f"No recordings in {folder}."
     shown = next((one for one in recorded if one.failure), recorded[0])
     viewer = Path(sys.executable).with_name("rerun")
     if viewer.is_relative_to(Path.cwd()):

@@ -21,6 +21,7 @@ class Reporter(Watcher):
         self.console = console
         self.done = self.total = self.successes = 0
         self.began = monotonic()
+        self.warned = False
 
     def begun(self, folder: RunFolder, left: int) -> None:
         self.total = left
@@ -31,6 +32,9 @@ class Reporter(Watcher):
     def finished(self, result: EpisodeResult) -> None:
         self.done += 1
         self.successes += result.success
+        if result.detail and not self.warned:  # whoever wrote the policy wants to know at once
+            self.warned = True
+            self.say(f"{result.task} {result.index}: {result.failure}: {result.detail}")
 
     def lost(self, episode: EpisodeSpec, reason: str, final: bool) -> None:
         end = "given up" if final else "tried again"

@@ -9,7 +9,7 @@ from typing import Any
 
 from server.arguments import BadUsage
 from server.progress import reporting
-from workers.engines.local import prepare_process
+from workers.engines.local import limit_threads, prepare_process
 from workers.evaluation import Evaluation, count_cpus, evaluate, missing
 from workers.policies import BadPolicy
 from workers.run_folder import FolderError, Results
@@ -42,6 +42,7 @@ def recertify(tasks: Sequence[str], workers: int | None = None) -> list[dict[str
     """The new certificates of tasks, which are also written into the package."""
     from hide_tasks.certificate import certify
 
+    limit_threads()
     context = multiprocessing.get_context("spawn")
     certificates = []
     with (

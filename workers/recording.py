@@ -40,11 +40,11 @@ from hide_tasks.contract import (
 from workers.recording_layout import (
     APPLICATION,
     BELIEF,
-    CHECKS,
     HIDDEN,
     LOG,
     SIGNALS,
     STAGE,
+    SUCCESS,
     SUMMARY,
     TARGET,
     WORLD,
@@ -101,13 +101,16 @@ class Recorder:
         stream.log(TARGET, rr.TransformAxes3D(axis_length=0.07), static=True)
         for entity, part in zip(self._entities, parts, strict=True):
             stream.log(entity, drawn(part.mesh), static=True)
-        self._summary = f"## {instruction}\n\n{spec.name}" + f" · {self._policy}" * bool(self._policy)
+        played = spec.name + f" · {self._policy}" * bool(self._policy)
+        self._summary = f"## {instruction}\n\n{played}"
         self._summarise(Moment(0.0, 0), self._summary)
         self._send()
 
     def frame(self, time: float, poses: Array) -> None:
         """Take the parts' world transforms (n, 4, 4) at a simulated time in seconds."""
         self._now = time
+        if np.isinf(self._poses).all():
+            time = self._chosen_at  # so that the first decision has a scene
         moved = np.flatnonzero(np.abs(poses - self._poses).max(axis=(1, 2)) > STILL)
         if not moved.size:
             return
@@ -212,16 +215,17 @@ class Recorder:
         self._rows.add(f"{camera}/depth", rr.EncodedDepthImage, moment, **depth)
 
     def _know(self, moment: Moment, record: DecisionRecord) -> None:
-        self._lanes.set(moment, {STAGE: record.stage})
-        self._lanes.set(moment, record.hidden, HIDDEN)
-        self._lanes.set(moment, {**record.checks, "all at some step": record.success}, CHECKS)
+        self._lanes.set_one(STAGE, moment, record.stage)
+        self._lanes.set(HIDDEN, moment, record.hidden)
+        self._lanes.set_one(SUCCESS, moment, record.success)
+        self._lanes.set(SUCCESS, moment, record.checks)
         if record.belief:
             self._believe(moment, record.belief)
 
     def _believe(self, moment: Moment, belief: Belief) -> None:
         believed = belief.model_dump(exclude_none=True)
         similarity = believed.pop("anchor_similarity", None)
-        self._lanes.set(moment, believed, BELIEF)
+        self._lanes.set(BELIEF, moment, believed)
         if similarity is not None:
             entity = f"{SIGNALS}/anchor_similarity"
             self._rows.add(entity, rr.Scalars, moment, scalars=similarity)
@@ -235,7 +239,7 @@ class Recorder:
             self._violations.add(violation)
             self._log(moment, f"violation: {violation}", rr.TextLogLevel.WARN)
 
-    def _log(self, moment: Moment, text: str, level: str) -> None:
+    def _log(self, moment: Moment, text: str, level: rr.TextLogLevel) -> None:
         self._rows.add(LOG, rr.TextLog, moment, text=text, level=level)
 
     def _summarise(self, moment: Moment, text: str) -> None:
@@ -310,7 +314,7 @@ def _lens(view: CameraView) -> rr.Pinhole:
     )
 
 
-def _level(*, bad: bool) -> str:
+def _level(*, bad: bool) -> rr.TextLogLevel:
     return rr.TextLogLevel.WARN if bad else rr.TextLogLevel.INFO
 
 
@@ -338,4 +342,5 @@ def _verdicts(result: EpisodeResult) -> dict[str, Value]:
 
 
 def _values(values: dict[str, Value]) -> rr.AnyValues:
-    return rr.AnyValues(**{name: value for name, value in values.items() if value is not None})
+    given: dict[str, Any] = {name: value for name, value in values.items() if value is not None}
+    return rr.AnyValues(**given)

@@ -21,13 +21,14 @@ DECISION = "decision"  # timeline: what the policy saw, and what was true, when 
 
 WORLD = "/world"
 TARGET = f"{WORLD}/target"  # the pose that a keyframe asks for
-LANES = "/lanes"  # 1_stage, 2_hidden/…, 3_checks/…: states over time
+# Lanes are sorted by path: the truth, what is believed of it, the stage, what counts.
+HIDDEN = "/hidden"  # one lane a hidden value, whatever the task calls it
+BELIEF = "/memory"  # what the policy says of its memory
+STAGE = "/stage"
+SUCCESS = "/success"  # the checks held at some step; one lane a check below it
 SIGNALS = "/signals"  # numbers over time
 SUMMARY = "/summary"  # instruction and verdict
 LOG = "/log"
-
-# Lanes are sorted by path, hence the figures.
-STAGE, HIDDEN, CHECKS, BELIEF = "1 stage", "2 hidden", "3 checks", "4 belief"
 
 EYE = (1.45, -0.95, 1.75)  # m; to the right of who faces the robot, above the table
 EYE_TARGET = (0.18, 0.0, 0.88)
@@ -94,7 +95,8 @@ def _pictures(kind: str, title: str) -> rrb.Grid:
 
 
 def _states() -> rrb.StateTimelineView:
-    return rrb.StateTimelineView(origin=LANES, name="Stage, hidden state, checks")
+    folders = [f"{folder}/**" for folder in (HIDDEN, BELIEF, STAGE, SUCCESS)]
+    return rrb.StateTimelineView(contents=folders, name="Hidden state, stage, checks")
 
 
 def _told() -> rrb.Tabs:
@@ -142,15 +144,21 @@ class Lanes:
         self._taken: dict[str, list[str]] = defaultdict(list)
         self._unexplained: list[str] = []
 
-    def set(self, moment: Moment, values: Mapping[str, object], *folder: str) -> None:
+    def set(self, folder: str, moment: Moment, values: Mapping[str, object]) -> None:
         """The named values hold from this moment on."""
         for name, value in values.items():
-            lane = rr.new_entity_path([LANES.strip("/"), *folder, name])
-            state = as_text(value)
-            if self._now.get(lane) != state:
-                self._rows.add(lane, rr.StateChange, moment, state=state)
-                self._now[lane] = state
-                self._explain_later(lane, state)
+            self.set_one(f"{folder}/{rr.escape_entity_path_part(name)}", moment, value)
+
+    def set_one(self, lane: str, moment: Moment, value: object) -> None:
+        """The lane's value from this moment on."""
+        state = as_text(value)
+        if self._now.get(lane) == state:
+            return
+        self._now[lane] = state
+        self._rows.add(lane, rr.StateChange, moment, state=state)
+        if state not in self._taken[lane]:
+            self._taken[lane].append(state)
+            self._unexplained.append(lane)
 
     def explain(self, stream: rr.RecordingStream) -> None:
         """Write the colours of the lanes that took a value for the first time."""
@@ -159,11 +167,6 @@ class Lanes:
             style = rr.StateConfiguration(values=states, colors=_colors(states))
             stream.log(lane, style, static=True)
         self._unexplained.clear()
-
-    def _explain_later(self, lane: str, state: str) -> None:
-        if state not in self._taken[lane]:
-            self._taken[lane].append(state)
-            self._unexplained.append(lane)
 
 
 def as_text(value: object) -> str:

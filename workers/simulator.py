@@ -1,13 +1,17 @@
 """What a worker process does: play one episode, with a recording if one is wanted."""
 
-import atexit
 import contextlib
 from dataclasses import dataclass
+from multiprocessing.util import Finalize
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from hide_tasks.contract import DecisionRecord, EpisodeResult, EpisodeSpec, Policy, Rules
 from workers.policies import Hosted, PolicyChoice
 from workers.policy_process import PolicyProcess
+
+if TYPE_CHECKING:
+    from workers.recording import Recorder
 
 
 @dataclass(frozen=True)
@@ -47,7 +51,7 @@ def play_episode(job: EpisodeJob) -> PlayedEpisode:
     return PlayedEpisode(result, decisions)
 
 
-def _recorder(job: EpisodeJob):  # type: ignore[no-untyped-def]
+def _recorder(job: EpisodeJob) -> "Recorder":
     from workers.recording import Recorder
 
     assert job.recordings is not None
@@ -67,5 +71,6 @@ def _policy(choice: PolicyChoice) -> Policy:
         return choice.make()
     if choice not in _hosted:
         _hosted[choice] = choice.make()
-        atexit.register(_hosted[choice].close)
+        # Runs at SIGTERM as well, which atexit does not.
+        Finalize(None, _hosted[choice].close, exitpriority=0)
     return _hosted[choice]

@@ -59,6 +59,9 @@ class Body(Protocol):
     def pose(self, link: int = 0) -> Array:
         """The link's pose (7,) in the world."""
 
+    def position(self) -> tuple[float, float, float]:
+        """The base's position in the world; cheap."""
+
     def joint(self, link: int) -> float:
         """The link's joint reading, m or rad, within its limits."""
 
@@ -79,6 +82,11 @@ class Asset:
     def pose(self, link: int = 0) -> Array:
         """The link's present pose in the world."""
         return self.body.pose(link)
+
+    @property
+    def position(self) -> tuple[float, float, float]:
+        """The base's present position in the world; cheap enough for every physics step."""
+        return self.body.position()
 
     def frame(self, x: float, y: float, z: float, rotation: Array | None = None) -> Array:
         """A pose given in the frame of the base, as it stands in the world at the start."""

@@ -1,12 +1,12 @@
 """A marked place: seen, not felt."""
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
-
-import numpy as np
 
 from hide_tasks.assets.asset import Asset, Link, box
 from hide_tasks.assets.colors import RGB
-from hide_tasks.poses import Array, rotation_matrix
+from hide_tasks.poses import yaw_of
 
 
 @dataclass
@@ -21,8 +21,13 @@ class Region(Asset):
         mat = box((self.side, self.side, 0.002), (0, 0, 0.001), self.color, solid=False)
         self.links = (Link("mat", (mat,)),)
 
-    def contains(self, position: Array) -> bool:
-        """True when a point (3,) of the world is over the mat and not too high."""
-        local = rotation_matrix(self.at[3:]).T @ (position - self.at[:3])
-        inside = np.abs(local[:2]) <= self.side / 2
-        return bool(inside.all() and 0.0 <= local[2] <= self.height)
+    def contains(self, position: Sequence[float]) -> bool:
+        """True when a point of the world is over the mat and not too high."""
+        above = position[2] - self.at[2]
+        if not 0.0 <= above <= self.height:
+            return False
+        east, north = position[0] - self.at[0], position[1] - self.at[1]
+        yaw = yaw_of(self.at)
+        along = east * math.cos(yaw) + north * math.sin(yaw)
+        across = north * math.cos(yaw) - east * math.sin(yaw)
+        return bool(abs(along) <= self.side / 2 and abs(across) <= self.side / 2)

@@ -22,7 +22,7 @@ from hide_tasks.contract import (
     Keyframe,
     MotionOutcome,
 )
-from hide_tasks.poses import Array
+from hide_tasks.poses import Array, from_rotation_vector, multiply
 
 SUBSTEPS = HZ // CONTROL_HZ
 JOINT_STEP = 2.6 / CONTROL_HZ  # rad that a joint may be told to move in one dense row (Franka)
@@ -97,8 +97,9 @@ class Executor:
         if kind == "joint_position":
             return row[:7]
         present = self.robot.joints
-        pose = kinematics.moved(kinematics.tip_pose(present), row[:3], row[3:6])
-        return kinematics.track(pose, present)
+        tip = kinematics.matrix_to_pose(kinematics.tip_pose(present))
+        turned = multiply(from_rotation_vector(row[3:6]), tip[3:])
+        return kinematics.track(np.concatenate([tip[:3] + row[:3], turned]), present)
 
     # --- what tasks may ask ---
 

@@ -27,8 +27,8 @@ PARTS = [
     ("link5", 5, (18, 18, 18, 18, 40, 18)),
     ("link6", 6, (14, 14, 14, 14, 14, 14)),
     ("link7", 7, (10, 10, 10, 10, 30, 30)),
-    ("hand", 8, (6, 6, 8, 8, 30, 5)),
-    ("finger", 9, (4, 4, 2, 4, 20, 3)),
+    ("hand", 8, (7, 7, 10, 10, 30, 5)),
+    ("finger", 9, (5, 5, 2, 5, 20, 3)),
 ]
 PADDING = 0.001  # m, Bullet's collision margin around a hull
 OVERLAP = 0.0005  # m between samples

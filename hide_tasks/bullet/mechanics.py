@@ -4,9 +4,9 @@ from collections.abc import Sequence
 from typing import Any
 
 import pybullet as bullet
-from pybullet_utils.bullet_client import BulletClient
 
 from hide_tasks.assets.asset import Asset, Joint
+from hide_tasks.bullet.client import Client
 
 SNAP = 15.0  # N that pulls a joint shut within its detent
 LOCK = 1000.0  # N with which an interlocked joint stays shut
@@ -17,7 +17,7 @@ SLOW = 0.01  # m/s or rad/s
 class Mechanics:
     """The joints of one asset. Acts once per physics step, changes motors only when needed."""
 
-    def __init__(self, client: BulletClient, body: int, asset: Asset):
+    def __init__(self, client: Client, body: int, asset: Asset):
         self.client, self.body = client, body
         self.joints = [link.joint for link in asset.links[1:] if link.joint]
         self.interlocked = asset.interlocked

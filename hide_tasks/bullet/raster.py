@@ -114,7 +114,7 @@ class Renderer:
         self, frame: Frame, view: FloatArray, limits: tuple[float, float, float], shown: BoolArray
     ) -> None:
         scratch = self._scratch
-        draw(self._shapes, scratch.placed, shown, view, *limits, scratch.corners, frame)
+        draw(self._shapes, scratch.placed, shown, view, *limits, scratch.corners, scratch.pixels, frame)
 
     def _shade(self, camera: Camera, frame: Frame, tints: ByteArray, rgb: ByteArray) -> None:
         scratch, rays = self._scratch, _rays(camera)
@@ -141,6 +141,7 @@ class _Scratch(NamedTuple):
 
     placed: Placed
     corners: FloatArray
+    pixels: IntArray
     drawn: BoolArray
     weights: FloatArray
     lights: FloatArray
@@ -153,6 +154,7 @@ class _Scratch(NamedTuple):
                 np.empty((points, 3)), np.empty((points, 3)), np.empty((len(shapes.spheres), 4))
             ),
             np.empty((points, 6)),
+            np.empty((points, 4), dtype=np.int32),
             np.empty(faces, dtype=np.bool_),
             np.empty((faces, 9)),
             np.empty((faces, LIGHTS)),

@@ -16,6 +16,7 @@ from hide_tasks.bullet.meshes import BoolArray, ByteArray, FloatArray, IntArray
 P = ParamSpec("P")
 R = TypeVar("R")
 
+SLACK = 1e-7  # pixels: the edges decide what a face covers, not rounded image points
 WIDE = 8  # pixels: in wider rectangles the rows of a face are looked for before they are tested
 
 
@@ -64,18 +65,24 @@ class Frame(NamedTuple):
 @kernel
 def place(shapes: Shapes, poses: FloatArray, placed: Placed) -> None:
     """Writes the shapes at the poses (n, 4, 4) of their instances."""
-    vertices, normals, spheres = shapes.vertices, shapes.normals, shapes.spheres
     for i in range(len(poses)):
-        first, last = shapes.first_vertex[i], shapes.first_vertex[i + 1]
-        placed.spheres[i, 3] = spheres[i, 3]
-        for k in range(3):
-            a, b, c, d = poses[i, k, 0], poses[i, k, 1], poses[i, k, 2], poses[i, k, 3]
-            placed.spheres[i, k] = a * spheres[i, 0] + b * spheres[i, 1] + c * spheres[i, 2] + d
-            for v in range(first, last):
-                x, y, z = vertices[v, 0], vertices[v, 1], vertices[v, 2]
-                placed.points[v, k] = a * x + b * y + c * z + d
-                x, y, z = normals[v, 0], normals[v, 1], normals[v, 2]
-                placed.normals[v, k] = a * x + b * y + c * z
+        a, b, c, d = poses[i, 0, 0], poses[i, 0, 1], poses[i, 0, 2], poses[i, 0, 3]
+        e, f, g, h = poses[i, 1, 0], poses[i, 1, 1], poses[i, 1, 2], poses[i, 1, 3]
+        k, m, n, p = poses[i, 2, 0], poses[i, 2, 1], poses[i, 2, 2], poses[i, 2, 3]
+        for v in range(shapes.first_vertex[i], shapes.first_vertex[i + 1]):
+            x, y, z = shapes.vertices[v, 0], shapes.vertices[v, 1], shapes.vertices[v, 2]
+            placed.points[v, 0] = a * x + b * y + c * z + d
+            placed.points[v, 1] = e * x + f * y + g * z + h
+            placed.points[v, 2] = k * x + m * y + n * z + p
+            x, y, z = shapes.normals[v, 0], shapes.normals[v, 1], shapes.normals[v, 2]
+            placed.normals[v, 0] = a * x + b * y + c * z
+            placed.normals[v, 1] = e * x + f * y + g * z
+            placed.normals[v, 2] = k * x + m * y + n * z
+        x, y, z = shapes.spheres[i, 0], shapes.spheres[i, 1], shapes.spheres[i, 2]
+        placed.spheres[i, 0] = a * x + b * y + c * z + d
+        placed.spheres[i, 1] = e * x + f * y + g * z + h
+        placed.spheres[i, 2] = k * x + m * y + n * z + p
+        placed.spheres[i, 3] = shapes.spheres[i, 3]
 
 
 @kernel
@@ -88,27 +95,43 @@ def draw(
     farthest: float,
     nearest: float,
     corners: FloatArray,
+    pixels: IntArray,
     frame: Frame,
 ) -> None:
     """Fills `frame` with what the view sees of the visible instances.
 
     Faces at w < near, or with a closeness beyond the open range farthest..nearest, are not seen.
-    `corners` (v, 6) is scratch.
+    `corners` (v, 6) and `pixels` (v, 4) are scratch.
     """
     faces, first_vertex, first_face = shapes.faces, shapes.first_vertex, shapes.first_face
-    height, width = frame.face.shape
-    frame.closeness[:] = farthest
-    frame.face[:] = -1
-    frame.drawn[:] = False
+    closeness, face, drawn, weights = frame.closeness, frame.face, frame.drawn, frame.weights
+    height, width = face.shape
+    closeness[:] = farthest
+    face[:] = -1
+    drawn[:] = False
     planes = _picture_borders(view, near, width, height)
     for i in range(len(visible)):
         if visible[i] and _reaches_in(placed.spheres, i, planes):
-            _project(placed.points, first_vertex[i], first_vertex[i + 1], view, near, corners)
+            first, last = first_vertex[i], first_vertex[i + 1]
+            _project(placed.points, first, last, view, near, width, height, corners, pixels)
             for t in range(first_face[i], first_face[i + 1]):
-                a, b, c = faces[t, 0], faces[t, 1], faces[t, 2]
-                x0, x1, y0, y1 = _rectangle(corners, a, b, c, near, width, height)
-                if x0 < x1 and y0 < y1:
-                    _fill(corners, a, b, c, t, x0, x1, y0, y1, nearest, frame)
+                a, b, c = np.uintp(faces[t, 0]), np.uintp(faces[t, 1]), np.uintp(faces[t, 2])
+                left, right, top, bottom = _rectangle(pixels, a, b, c)
+                if left < 0:
+                    left, right, top, bottom = _clipped(corners, (a, b, c), near, width, height)
+                elif left < right and top < bottom and _looks_away(corners, a, b, c):
+                    continue
+                if left < right and top < bottom:
+                    drawn[t] = _fill(
+                        corners,
+                        (a, b, c),
+                        (left, right, top, bottom),
+                        nearest,
+                        np.uintp(t),
+                        closeness,
+                        face,
+                        weights,
+                    )
 
 
 @kernel
@@ -142,46 +165,60 @@ def _reaches_in(spheres: FloatArray, i: int, planes: FloatArray) -> bool:
 
 @kernel
 def _project(
-    points: FloatArray, first: int, last: int, view: FloatArray, near: float, corners: FloatArray
+    points: FloatArray,
+    first: int,
+    last: int,
+    view: FloatArray,
+    near: float,
+    width: int,
+    height: int,
+    corners: FloatArray,
+    pixels: IntArray,
 ) -> None:
-    """Writes the view's four values of each point and, in front of `near`, its image point."""
+    """Writes the view's four values of each point and its image point.
+
+    Writes also the first pixel that a face to the right of the point may cover, the first it
+    may no longer cover to its left, and the same downward; -1 behind `near`.
+    """
     for v in range(first, last):
         x, y, z = points[v, 0], points[v, 1], points[v, 2]
         for k in range(4):
             corners[v, k] = view[k, 0] * x + view[k, 1] * y + view[k, 2] * z + view[k, 3]
+        pixels[v, 0] = -1
         if corners[v, 2] >= near:
             inverse = 1.0 / corners[v, 2]
-            corners[v, 4] = corners[v, 0] * inverse
-            corners[v, 5] = corners[v, 1] * inverse
+            u, v_ = corners[v, 0] * inverse, corners[v, 1] * inverse
+            corners[v, 4], corners[v, 5] = u, v_
+            pixels[v, 0] = int(min(max(u + (0.5 - SLACK), 0.0), float(width)))
+            pixels[v, 1] = int(min(max(u + (0.5 + SLACK), 0.0), float(width)))
+            pixels[v, 2] = int(min(max(v_ + (0.5 - SLACK), 0.0), float(height)))
+            pixels[v, 3] = int(min(max(v_ + (0.5 + SLACK), 0.0), float(height)))
 
 
 @kernel
-def _rectangle(
-    corners: FloatArray, a: int, b: int, c: int, near: float, width: int, height: int
+def _rectangle(pixels: IntArray, a: int, b: int, c: int) -> tuple[int, int, int, int]:
+    """Columns left..right and rows top..bottom that a face may cover; left < 0 behind `near`."""
+    return (
+        min(pixels[a, 0], min(pixels[b, 0], pixels[c, 0])),
+        max(pixels[a, 1], max(pixels[b, 1], pixels[c, 1])),
+        min(pixels[a, 2], min(pixels[b, 2], pixels[c, 2])),
+        max(pixels[a, 3], max(pixels[b, 3], pixels[c, 3])),
+    )
+
+
+@kernel
+def _looks_away(corners: FloatArray, a: int, b: int, c: int) -> bool:
+    """Whether the image of a face in front of `near` is clockwise."""
+    ux, uy = corners[b, 4] - corners[a, 4], corners[b, 5] - corners[a, 5]
+    vx, vy = corners[c, 4] - corners[a, 4], corners[c, 5] - corners[a, 5]
+    return bool(ux * vy >= vx * uy)
+
+
+@kernel
+def _clipped(
+    corners: FloatArray, face: tuple[int, int, int], near: float, width: int, height: int
 ) -> tuple[int, int, int, int]:
-    """Columns x0..x1 and rows y0..y1 whose centres a face may cover; empty if it looks away."""
-    if corners[a, 2] >= near and corners[b, 2] >= near and corners[c, 2] >= near:
-        ax, ay, bx, by = corners[a, 4], corners[a, 5], corners[b, 4], corners[b, 5]
-        cx, cy = corners[c, 4], corners[c, 5]
-        if (bx - ax) * (cy - ay) >= (cx - ax) * (by - ay):
-            return 0, 0, 0, 0
-        left, right = min(ax, bx, cx), max(ax, bx, cx)
-        top, bottom = min(ay, by, cy), max(ay, by, cy)
-    else:
-        left, right, top, bottom = _clipped_bounds(corners, (a, b, c), near)
-    slack = 1e-7  # the corner weights decide what is covered; rounding here must not
-    x0 = int(min(max(np.ceil(left - 0.5 - slack), 0.0), float(width)))
-    x1 = int(min(max(np.floor(right + 0.5 + slack), 0.0), float(width)))
-    y0 = int(min(max(np.ceil(top - 0.5 - slack), 0.0), float(height)))
-    y1 = int(min(max(np.floor(bottom + 0.5 + slack), 0.0), float(height)))
-    return x0, x1, y0, y1
-
-
-@kernel
-def _clipped_bounds(
-    corners: FloatArray, face: tuple[int, int, int], near: float
-) -> tuple[float, float, float, float]:
-    """Left, right, top, bottom of the part of a face in front of `near`."""
+    """What _rectangle gives, for the part of a face in front of `near`."""
     left, right, top, bottom = np.inf, -np.inf, np.inf, -np.inf
     for k in range(3):
         p, q = face[k], face[(k + 1) % 3]
@@ -194,7 +231,14 @@ def _clipped_bounds(
             y = (corners[p, 1] + part * (corners[q, 1] - corners[p, 1])) / near
             left, right = min(left, x), max(right, x)
             top, bottom = min(top, y), max(bottom, y)
-    return left, right, top, bottom
+    if left > right:
+        return 0, 0, 0, 0
+    return (
+        int(min(max(left - 1.0, 0.0), float(width))),
+        int(min(max(right + 1.0, 0.0), float(width))),
+        int(min(max(top - 1.0, 0.0), float(height))),
+        int(min(max(bottom + 1.0, 0.0), float(height))),
+    )
 
 
 @kernel
@@ -212,59 +256,68 @@ def _edge(corners: FloatArray, p: int, q: int) -> tuple[float, float, float]:
 @kernel
 def _fill(
     corners: FloatArray,
-    a: int,
-    b: int,
-    c: int,
-    t: int,
-    x0: int,
-    x1: int,
-    y0: int,
-    y1: int,
+    face: tuple[int, int, int],
+    rectangle: tuple[int, int, int, int],
     nearest: float,
-    frame: Frame,
-) -> None:
-    """Draws face `t` on those pixels of a rectangle that it covers and is the nearest at."""
-    closeness, face, weights = frame.closeness, frame.face, frame.weights
+    t: int,
+    closeness: FloatArray,
+    shown: IntArray,
+    weights: FloatArray,
+) -> bool:
+    """Draws face `t` on those pixels of a rectangle that it covers and is the nearest at.
+
+    Returns whether there were any.
+    """
+    a, b, c = face
+    left, right, top, bottom = rectangle
     ax, ay, az = _edge(corners, b, c)
     bx, by, bz = _edge(corners, c, a)
     cx, cy, cz = _edge(corners, a, b)
     volume = ax * corners[a, 0] + ay * corners[a, 1] + az * corners[a, 2]
     if volume > -1e-15:  # it looks away, or is seen edge on
-        return
+        return False
     inverse = 1.0 / volume
     ca, cb, cc = corners[a, 3] * inverse, corners[b, 3] * inverse, corners[c, 3] * inverse
     dx, dy = ax * ca + bx * cb + cx * cc, ay * ca + by * cb + cy * cc
     dz = az * ca + bz * cb + cz * cc
+    wide = right - left > WIDE
+    na, nb, nc = (_inverse(ax), _inverse(bx), _inverse(cx)) if wide else (0.0, 0.0, 0.0)
     drawn = False
-    for row in range(y0, y1):
-        y = row + 0.5
+    for line in range(top, bottom):
+        row, y = np.uintp(line), line + 0.5
         row_a, row_b, row_c, row_d = ay * y + az, by * y + bz, cy * y + cz, dy * y + dz
-        start, stop = x0, x1
-        if x1 - x0 > WIDE:
-            start, stop = _narrowed(ax, row_a, start, stop)
-            start, stop = _narrowed(bx, row_b, start, stop)
-            start, stop = _narrowed(cx, row_c, start, stop)
-        for column in range(start, stop):
-            x = column + 0.5
-            if ax * x + row_a <= 0.0 and bx * x + row_b <= 0.0 and cx * x + row_c <= 0.0:
-                here = dx * x + row_d
-                if closeness[row, column] < here < nearest:
-                    closeness[row, column] = here
-                    face[row, column] = t
-                    drawn = True
+        start, stop = left, right
+        if wide:
+            start, stop = _narrowed(na, row_a, start, stop)
+            start, stop = _narrowed(nb, row_b, start, stop)
+            start, stop = _narrowed(nc, row_c, start, stop)
+        for place in range(start, stop):
+            column, x = np.uintp(place), place + 0.5
+            here, there = dx * x + row_d, closeness[row, column]
+            # Without branches: inside a small face they cost more than the arithmetic.
+            inside = (ax * x + row_a <= 0.0) & (bx * x + row_b <= 0.0) & (cx * x + row_c <= 0.0)
+            front = inside & (there < here) & (here < nearest)
+            closeness[row, column] = here if front else there
+            shown[row, column] = t if front else shown[row, column]
+            drawn |= front
     if drawn:
-        frame.drawn[t] = True
         weights[t, 0], weights[t, 1], weights[t, 2] = ax * inverse, ay * inverse, az * inverse
         weights[t, 3], weights[t, 4], weights[t, 5] = bx * inverse, by * inverse, bz * inverse
         weights[t, 6], weights[t, 7], weights[t, 8] = cx * inverse, cy * inverse, cz * inverse
+    return drawn
 
 
 @kernel
-def _narrowed(slope: float, offset: float, start: int, stop: int) -> tuple[int, int]:
-    """Columns of start..stop where slope * x + offset may be negative, one to spare."""
-    if slope == 0.0:
-        return start, stop
-    zero = min(max(-offset / slope, start - 2.0), stop + 2.0)
-    if slope > 0.0:
-        return start, min(stop, int(zero) + 2)
-    return max(start, int(zero) - 1), stop
+def _inverse(slope: float) -> float:
+    return 0.0 if slope == 0.0 else 1.0 / slope
+
+
+@kernel
+def _narrowed(inverse_slope: float, offset: float, start: int, stop: int) -> tuple[int, int]:
+    """Columns of start..stop where x / inverse_slope + offset may be negative, one to spare."""
+    zero = min(max(-offset * inverse_slope, start - 2.0), stop + 2.0)
+    if inverse_slope > 0.0:
+        stop = min(stop, int(zero) + 2)
+    elif inverse_slope < 0.0:
+        start = max(start, int(zero) - 1)
+    return start, stop

@@ -11,10 +11,10 @@ from functools import lru_cache
 import numpy as np
 import pybullet as bullet
 from numpy.typing import NDArray
-from pybullet_utils.bullet_client import BulletClient
 
 from hide_tasks.assets.asset import Asset, Joint, Link, Shape
-from hide_tasks.bullet import meshes, quietly
+from hide_tasks.bullet import meshes
+from hide_tasks.bullet.client import Client
 from hide_tasks.bullet.mechanics import Mechanics
 from hide_tasks.bullet.meshes import Mesh
 from hide_tasks.layout import TABLE_TOP, Layout
@@ -37,7 +37,7 @@ class Part:
 class BulletBody:
     """An asset's body. Joint readings are taken once per physics step."""
 
-    def __init__(self, client: BulletClient, asset: Asset):
+    def __init__(self, client: Client, asset: Asset):
         self.client, self.asset = client, asset
         self.held_link: int | None = None
         self.readings = [link.joint.start if link.joint else 0.0 for link in asset.links]
@@ -58,6 +58,11 @@ class BulletBody:
     def joint(self, link: int) -> float:
         """The link's reading, clamped to its limits: Bullet's limits are soft."""
         return self.readings[link]
+
+    def position(self) -> tuple[float, float, float]:
+        """The base's position in the world."""
+        x, y, z = self.client.getBasePositionAndOrientation(self.id)[0]
+        return x, y, z
 
     def pose(self, link: int = 0) -> Array:
         """The link's pose (7,) in the world."""
@@ -82,8 +87,7 @@ class Scene:
     """Table and assets in a PyBullet world of their own."""
 
     def __init__(self, layout: Layout):
-        with quietly():
-            self.client = BulletClient(bullet.DIRECT)
+        self.client = Client()
         self.client.setPhysicsEngineParameter(
             fixedTimeStep=1 / HZ, numSolverIterations=ITERATIONS, deterministicOverlappingPairs=1
         )
@@ -184,7 +188,7 @@ def _mesh(shapes: tuple[Shape, ...]) -> Mesh:
     )
 
 
-def _collision(client: BulletClient, link: Link) -> int:
+def _collision(client: Client, link: Link) -> int:
     solid = [shape for shape in link.shapes if shape.solid]
     if not solid:
         return -1
@@ -202,7 +206,7 @@ def _collision(client: BulletClient, link: Link) -> int:
     )
 
 
-def _create(client: BulletClient, asset: Asset) -> int:
+def _create(client: Client, asset: Asset) -> int:
     base, *children = asset.links
     count = len(children)
     kinds = {"slide": bullet.JOINT_PRISMATIC, "hinge": bullet.JOINT_REVOLUTE}

@@ -69,7 +69,7 @@ class SearchDrawer(Task):
         }
 
     def stage(self) -> str:
-        if self.robot.holds(self.item) or self.region.contains(self._item()):
+        if self.robot.holds(self.item) or self.region.contains(self.item.position):
             return "place"
         if self.drawer.opening > SEEN:
             return "take"
@@ -104,7 +104,7 @@ class SearchDrawer(Task):
 
     def checks(self) -> Checks:
         return {
-            "item_in_region": self.region.contains(self._item()),
+            "item_in_region": self.region.contains(self.item.position),
             "item_released": not self.robot.holds(self.item),
         }
 
@@ -115,8 +115,8 @@ class SearchDrawer(Task):
 
     def violations(self) -> list[Failure]:
         again = any(search.total > 1 for search in self.searches.values())
-        fell = self._item()[2] < TABLE_TOP - FELL
-        return [Failure.REPEATED_STEP] * again + [Failure.DROPPED_OBJECT] * bool(fell)
+        fell = self.item.position[2] < TABLE_TOP - FELL
+        return [Failure.REPEATED_STEP] * again + [Failure.DROPPED_OBJECT] * fell
 
     def aliases(self) -> list[Alias]:
         return [

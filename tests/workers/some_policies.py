@@ -1,4 +1,6 @@
-"""Policies as a researcher might write them; each test names one as `...some_policies:Name`."""
+"""Policies as a researcher might write them; a test names one as `module:Name`."""
+
+# ruff: noqa: ARG002, T201
 
 import json
 import os
@@ -101,3 +103,24 @@ class TellsAll:
 class NoAct:
     def reset(self, instruction, policy_seed):
         pass
+
+
+class Raises(Stays):
+    def act(self, observation):
+        raise RuntimeError("no such thing as a cup")
+
+
+class Hangs(Stays):
+    def act(self, observation):
+        time.sleep(60)
+
+
+class DiesOnce(Stays):
+    """Its process dies in the first episode that it ever plays; a file remembers that."""
+
+    def act(self, observation):
+        try:
+            Path("died").touch(exist_ok=False)
+        except FileExistsError:
+            return Stop()
+        os._exit(1)

@@ -34,7 +34,7 @@ def test_anything_else_is_told_what_is_accepted(text: str) -> None:
 
 
 def test_a_near_miss_is_told_the_nearest() -> None:
-    with pytest.raises(BadPolicy, match="Did you mean amnesiac?"):
+    with pytest.raises(BadPolicy, match="Did you mean amnesiac"):
         parse("amnesic")
 
 
@@ -58,7 +58,7 @@ def test_an_episode_without_recorded_actions(tmp_path: Path, split, index: int) 
 
 
 def test_a_folder_without_a_run_has_nothing_to_replay(tmp_path: Path) -> None:
-    with pytest.raises(BadPolicy, match="nothing to replay: .* is no run's folder"):
+    with pytest.raises(BadPolicy, match=r"nothing to replay: .* is no run's folder"):
         parse(f"replay:{tmp_path}")
 
 

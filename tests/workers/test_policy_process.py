@@ -93,9 +93,7 @@ def test_one_process_plays_many_episodes() -> None:
         ("believe", Failure.POLICY_INVALID, "belief: Input should be a valid integer"),
     ],
 )
-def test_what_goes_wrong_is_named_and_the_next_episode_plays(
-    instruction: str, failure: Failure, message: str
-) -> None:
+def test_what_goes_wrong_is_named(instruction: str, failure: Failure, message: str) -> None:
     with playing("Misbehaves", instruction) as policy:
         policy.timeout = 0.5 if instruction == "sleep" else 20.0
         before = pid(policy)
@@ -106,9 +104,18 @@ def test_what_goes_wrong_is_named_and_the_next_episode_plays(
         assert raised.value.failure is failure
         assert "\n" not in str(raised.value)
         assert ended(before)
-        policy.timeout = 20.0
+
+
+def test_after_a_failure_the_next_episode_has_a_new_process() -> None:
+    with playing("Misbehaves", "raise") as policy:
+        before = pid(policy)
+        with pytest.raises(PolicyFailure):
+            policy.act(observation())
+
         policy.reset("wait", 9)
+
         assert parse_action(policy.act(observation())).stop
+        assert pid(policy) != before
 
 
 def test_not_a_number_arrives_as_such_and_is_the_loops_to_judge() -> None:
@@ -176,7 +183,7 @@ def test_a_policy_that_cannot_be_loaded(target: str, message: str) -> None:
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="looks into /proc")
-def test_a_busy_policy_does_not_outlive_its_parent(tmp_path: Path) -> None:
+def test_a_busy_policy_does_not_outlive_its_parent() -> None:
     program = (
         "from tests.workers.test_policy_process import *\n"
         "policy = PolicyProcess(f'{POLICIES}:Misbehaves', timeout=60.0)\n"

@@ -1,4 +1,4 @@
-"""Recordings: what a viewer and a server find in them. The viewer is the one that the page serves."""
+"""Recordings: what a viewer and a server find in them."""
 
 import os
 import subprocess
@@ -12,7 +12,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from shutil import which
 from time import monotonic
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pytest
@@ -23,6 +23,7 @@ from rerun.chunk import RrdReader
 from hide_tasks.bullet import meshes
 from hide_tasks.bullet.cameras import camera
 from hide_tasks.bullet.meshes import Mesh
+from hide_tasks.bullet.scene import Part
 from hide_tasks.contract import (
     CAMERAS,
     Belief,
@@ -43,11 +44,6 @@ from workers.recording_layout import as_text, write_layout
 INSTRUCTION = "push the red button 3 times"
 SPEC = EpisodeSpec(task="push_button_times", split="test", index=7, variation={"count": 3})
 DECISIONS = 5
-
-
-class Part(NamedTuple):
-    name: str
-    mesh: Mesh
 
 
 def parts() -> list[Part]:
@@ -87,7 +83,7 @@ def _view(name: str, rng: np.random.Generator) -> CameraView:
 
 
 def record(decision: int, **fields: Any) -> DecisionRecord:
-    done: HiddenState = {"presses_done": decision + 1, "searched": ["top", "middle"][:decision]}
+    done: HiddenState = {"presses_done": decision + 1, "searched": [*("top", "middle")[:decision]]}
     values: dict[str, Any] = {
         "decision": decision,
         "time": decision + 1.0,
@@ -199,8 +195,8 @@ def test_an_exact_recording_names_no_failure(tmp_path: Path) -> None:
 def test_hidden_values_stand_after_the_decision_that_changed_them(tmp_path: Path) -> None:
     path = recorded(tmp_path / "a.rrd")
 
-    presses = rows(path, "/lanes/2\\ hidden/presses_done", "StateChange:state")
-    searched = rows(path, "/lanes/2\\ hidden/searched", "StateChange:state")
+    presses = rows(path, "/hidden/presses_done", "StateChange:state")
+    searched = rows(path, "/hidden/searched", "StateChange:state")
 
     assert presses == {(d + 1.0, d + 1): str(d + 1) for d in range(DECISIONS)}
     assert searched == {(1.0, 1): "–", (2.0, 2): "top", (3.0, 3): "top, middle"}
@@ -240,7 +236,7 @@ def test_a_growing_recording_can_be_read(tmp_path: Path, monkeypatch: pytest.Mon
 
     with Recorder(tmp_path / "a.rrd") as recorder:
         play(recorder, decisions=2)
-        stages = rows(recorder.partial, "/lanes/1\\ stage", "StateChange:state")
+        stages = rows(recorder.partial, "/stage", "StateChange:state")
 
     assert stages == {(1.0, 1): "press 1", (2.0, 2): "press 2"}
 
@@ -270,6 +266,7 @@ def test_faces_of_two_colours_share_no_vertex() -> None:
 
     mesh = drawn(Mesh(cube.vertices, cube.normals, cube.faces, colors))
 
+    assert mesh.triangle_indices and mesh.vertex_colors
     corners = np.array(mesh.triangle_indices.as_arrow_array().to_pylist())
     rgba = np.array(mesh.vertex_colors.as_arrow_array().to_pylist())
     assert {hex(value) for value in rgba[corners[::2]].flat} == {"0xff0000ff"}
@@ -347,17 +344,21 @@ PAGE = """<!doctype html><body style="margin:0"><div id="v" style="width:100vw;h
 <script type="module">
 import { WebViewer } from "/viewer.js";
 const viewer = window.viewer = new WebViewer();
-viewer.on("recording_open", () => { window.opened = true; });
 await viewer.start(
   [location.origin + "/layout.rbl", location.origin + "/episode.rrd"], document.getElementById("v"),
   { hide_welcome_screen: true, width: "100%", height: "100%", theme: "light" });
+window.views = async () => (await viewer.get_state()).views;
+window.started = true;
 </script>"""
+LAID_OUT = "window.started && views().then(views => views.some(view => view.name === 'Scene'))"
 
 
 @pytest.fixture
 def site(tmp_path: Path) -> Iterator[tuple[Path, str]]:
     """A folder with the viewer and the layout, and its address."""
-    static = Path(find_spec("rerun_notebook").submodule_search_locations[0]) / "static"
+    package = find_spec("rerun_notebook")
+    assert package and package.origin
+    static = Path(package.origin).with_name("static")
     (tmp_path / "viewer.js").write_bytes(
         (static / "widget.js").read_bytes() + b"\nexport { WebViewer };\n"
     )
@@ -374,10 +375,12 @@ def served(folder: Path) -> Iterator[str]:
     server = ThreadingHTTPServer(("127.0.0.1", 0), handler)
     thread = threading.Thread(target=server.serve_forever)
     thread.start()
-    yield f"http://127.0.0.1:{server.server_port}/"
-    server.shutdown()
-    server.server_close()
-    thread.join()
+    try:
+        yield f"http://127.0.0.1:{server.server_port}/"
+    finally:
+        server.shutdown()
+        server.server_close()
+        thread.join()
 
 
 class QuietHandler(SimpleHTTPRequestHandler):
@@ -393,10 +396,12 @@ def opened(address: str) -> Iterator[Page]:
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
         page = browser.new_page(viewport={"width": 1400, "height": 900})
-        page.goto(address)
-        until(page, "window.opened === true")
-        yield page
-        browser.close()
+        try:
+            page.goto(address)
+            until(page, LAID_OUT)
+            yield page
+        finally:
+            browser.close()
 
 
 def until(page: Page, condition: str, seconds: float = 90) -> None:

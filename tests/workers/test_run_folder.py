@@ -131,7 +131,7 @@ def test_what_an_unfinished_episode_left_is_cleared(tmp_path: Path) -> None:
     assert [file.name for file in (tmp_path / "recordings").iterdir()] == ["y.rrd"]
 
 
-def test_decisions_are_on_disk_before_the_result_is(tmp_path: Path, monkeypatch) -> None:
+def test_decisions_are_on_disk_before_the_result_is(tmp_path: Path) -> None:
     """The disk is full when results.json is replaced."""
     with RunFolder.opened(tmp_path, wanted()) as folder:
         (tmp_path / f".{RESULTS}.part").mkdir()  # opening it for writing fails
@@ -216,8 +216,8 @@ def test_a_damaged_line_is_not_passed_over(tmp_path: Path) -> None:
 
 
 def test_two_runs_do_not_share_a_folder(tmp_path: Path) -> None:
-    program = f"import tests.workers.test_run_folder as t; from pathlib import Path; t.play(Path({str(tmp_path)!r}))"
-    command = [sys.executable, "-c", program]
+    program = "import sys; from tests.workers.test_run_folder import *; play(Path(sys.argv[1]))"
+    command = [sys.executable, "-c", program, tmp_path]
 
     with RunFolder.opened(tmp_path, wanted()):
         second = subprocess.run(command, capture_output=True, text=True)

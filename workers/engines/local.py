@@ -1,8 +1,4 @@
-"""A pool of processes on this machine. It places work and kills what is late; it keeps no truth.
-
-This module is imported first in every worker, so it imports nothing that reads the number of
-threads from the environment.
-"""
+"""A pool of processes on this machine. It places work and kills what is late; it keeps no truth."""
 
 import multiprocessing
 import os
@@ -137,6 +133,7 @@ class LocalEngine(Generic[Job, Result]):
         self._pool.join()
 
     def _new_pool(self) -> ProcessPool:
+        limit_threads()
         return ProcessPool(
             max_workers=self.workers,
             max_tasks=self.recycle_after,
@@ -145,12 +142,16 @@ class LocalEngine(Generic[Job, Result]):
         )
 
 
-def prepare_process() -> None:
-    """Called first in every worker: one thread for numbers, and no life after its parent's.
-
-    Standard output belongs to the parent; native libraries write to it unasked.
-    """
+def limit_threads() -> None:
+    """Processes started from now on calculate in one thread; this one keeps what it has loaded."""
     os.environ.update(dict.fromkeys(THREAD_LIMITS, "1"))
+
+
+def prepare_process() -> None:
+    """Called first in every worker: it neither outlives its parent nor writes to its output.
+
+    Native libraries print to standard output unasked.
+    """
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
     threading.Thread(target=_die_with_parent, daemon=True).start()
 

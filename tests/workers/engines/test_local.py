@@ -67,7 +67,7 @@ def test_a_job_that_hangs_is_killed() -> None:
     assert [one.reason for one in done] == ["took longer than 0.3 s"] * ATTEMPTS
 
 
-def test_a_worker_that_dies_between_two_jobs_does_not_stop_the_rest(tmp_path: Path) -> None:
+def test_a_worker_that_dies_between_two_jobs_does_not_stop_the_rest() -> None:
     engine = LocalEngine(misbehaviour.own_pid, workers=1, time_limit=30.0)
     run = engine.run(iter([0, 1, 2, 3, 4]))
     first = next(run)
@@ -97,7 +97,8 @@ def test_workers_do_not_outlive_a_killed_parent(tmp_path: Path) -> None:
         "from tests.workers.engines import misbehaviour as m\n"
         "from workers.engines.local import LocalEngine\n"
         "if __name__ == '__main__':\n"
-        f"    list(LocalEngine(m.sleep_and_tell, workers=1, time_limit=99.0).run([(60.0, {str(pids)!r})]))\n"
+        "    engine = LocalEngine(m.sleep_and_tell, workers=1, time_limit=99.0)\n"
+        f"    list(engine.run([(60.0, {str(pids)!r})]))\n"
     )
     file = tmp_path / "program.py"
     file.write_text(program)

@@ -1,0 +1,70 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hide_tasks import ALL_TASKS, UnknownTask, load, suite
+from hide_tasks.assets import Block, Button
+from hide_tasks.layout import Area, Crowded, Layout
+from hide_tasks.task import Counter, Grid
+
+
+def test_an_unknown_task_is_told_the_nearest_and_all():
+    with pytest.raises(UnknownTask, match="Did you mean push_button_times") as caught:
+        load("push_buton_times")
+    assert all(name in str(caught.value) for name in ALL_TASKS)
+
+
+@pytest.mark.parametrize(("split", "index", "word"), [("exam", 0, "split"), ("test", 25, "0 to 24")])
+def test_an_unknown_episode_is_told_what_there_is(split, index, word):
+    with pytest.raises(ValueError, match=word):
+        suite.episode("search_drawer", split, index)
+
+
+def test_the_policy_seed_does_not_depend_on_the_hidden_state():
+    spec = suite.episode("search_drawer", "test", 3)
+    assert suite.policy_seed(spec) == suite.policy_seed(spec.twin({"item_in": "bottom"}))
+
+
+@given(st.integers(1, 6), st.integers(1, 12), st.integers(1, 120), st.integers(0, 2**32 - 1))
+def test_a_grid_is_balanced_and_repeats_no_point_too_early(rows, columns, count, seed):
+    grid = Grid(row=tuple(range(rows)), column=tuple(range(columns)))
+    drawn = grid.balanced(count, np.random.default_rng(seed))
+
+    for axis, values in grid.axes.items():
+        counts = [sum(point[axis] == value for point in drawn) for value in values]
+        assert max(counts) - min(counts) <= 1
+    times = [drawn.count(point) for point in grid]
+    assert max(times) <= -(-count // len(grid))
+
+
+@given(st.lists(st.floats(0, 0.01), max_size=60))
+def test_a_counter_counts_each_excursion_once(readings):
+    values = iter(readings)
+    counter = Counter("press", lambda: next(values), up=0.005, down=0.002)
+    counted = sum(counter.watch() for _ in readings)
+
+    high, expected = None, 0
+    for value in readings:
+        if high is None:
+            high = value > 0.005
+        elif not high and value > 0.005:
+            high, expected = True, expected + 1
+        elif high and value < 0.002:
+            high = False
+    assert counted == counter.total == expected
+
+
+def test_scattered_assets_keep_their_distance():
+    layout = Layout(np.random.default_rng(0))
+    buttons = layout.scatter(map(Button, ("red", "blue", "green")), Area((0, 0.4), (-0.3, 0.3)), gap=0.05)
+    for i, a in enumerate(buttons):
+        for b in buttons[:i]:
+            assert np.linalg.norm(a.at[:2] - b.at[:2]) >= 0.05 + a.radius + b.radius
+
+
+def test_a_crowded_area_is_an_error():
+    with pytest.raises(Crowded, match="No room for 9"):
+        Layout(np.random.default_rng(0)).scatter(
+            [Block() for _ in range(9)], Area((0, 0.1), (0, 0.1)), gap=0.1
+        )

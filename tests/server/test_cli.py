@@ -1,0 +1,166 @@
+"""The command as a user meets it: exit status, standard output, standard error."""
+
+import json
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from hide_tasks import ALL_TASKS
+from server import cli
+from tests.workers.test_run_folder import contents, play
+
+ROOT = Path(__file__).parents[2]
+
+
+def hide(capfd, *arguments: str | Path) -> tuple[int, str, str]:
+    """Exit status, standard output and standard error of a command, run in this process."""
+    with pytest.raises(SystemExit) as exited:
+        cli.main([str(argument) for argument in arguments])
+    output = capfd.readouterr()
+    return int(exited.value.code or 0), output.out, output.err
+
+
+def test_the_catalogue_as_json(capfd) -> None:
+    status, output, errors = hide(capfd, "tasks", "--json")
+
+    entries = json.loads(output)["tasks"]
+    assert (status, errors) == (0, "")
+    assert [entry["name"] for entry in entries] == list(ALL_TASKS)
+    assert {
+        "category",
+        "instruction",
+        "variations",
+        "keyframes",
+        "hidden_state",
+        "certificate",
+    } <= set(entries[0])
+
+
+def test_the_catalogue_as_a_table_names_every_task_whole(capfd) -> None:
+    status, output, _ = hide(capfd, "tasks")
+
+    assert status == 0
+    assert all(name in output for name in ALL_TASKS)
+
+
+def test_the_catalogue_is_there_within_a_second_and_without_the_simulator() -> None:
+    program = (
+        "import sys; from server import cli\n"
+        "try: cli.main(['tasks'])\n"
+        "except SystemExit as exited: assert exited.code == 0\n"
+        "assert not {'pybullet', 'numba', 'torch', 'rerun'} & set(sys.modules)\n"
+    )
+    began = time.process_time(), os.times().children_user
+
+    subprocess.run([sys.executable, "-c", program], check=True, stdout=subprocess.DEVNULL, cwd=ROOT)
+
+    assert os.times().children_user - began[1] < 2.0  # of a processor that others use as well
+
+
+@pytest.mark.parametrize("arguments", [[], ["--help"], ["eval", "--help"], ["tasks", "--help"]])
+def test_help(capfd, arguments: list[str]) -> None:
+    status, output, errors = hide(capfd, *arguments)
+
+    assert (status, errors) == (0, "")
+    assert "Usage: hide" in output
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ("fly", "No such command 'fly'"),
+        ("eval", "Missing argument 'POLICY'"),
+        (
+            "eval exprt",
+            "No policy 'exprt'. Did you mean expert? Policies: expert, amnesiac, random",
+        ),
+        ("eval ws://host", "No policy 'ws://host'. Policies: expert"),
+        (
+            "eval expert --tasks serch_drawer",
+            "No task 'serch_drawer'. Did you mean search_drawer? All: ",
+        ),
+        (
+            "eval expert --tasks search_drawer --category RC",
+            "--tasks and --category exclude each other",
+        ),
+        ("eval expert --category XX", "'XX' is not one of 'RC', 'HSR', 'EPT'"),
+        ("eval expert --split best", "'best' is not one of 'train', 'val', 'test'"),
+        ("eval expert --episodes 0", "--episodes 0: test has 25 a task; give 1 to 25"),
+        ("eval expert --episodes 26", "--episodes 26: test has 25 a task; give 1 to 25"),
+        ("eval expert --episodes many", "--episodes"),
+        ("eval expert --workers 0", "--workers"),
+        ("eval expert --rules strict", "'strict' is not one of 'hide', 'parity'"),
+        ("eval expert --fast", "No such option: --fast"),
+        ("eval replay:nowhere", "replay:nowhere has nothing to replay: nowhere is no run's folder"),
+        ("eval python:nowhere:Mine", "python:nowhere:Mine cannot be loaded: ModuleNotFoundError"),
+        ("eval python:json:Mine", "cannot be loaded: AttributeError: json has no class Mine"),
+        ("certify --tasks fly", "No task 'fly'."),
+    ],
+)
+def test_a_mistake_is_one_clear_line(
+    capfd, tmp_path: Path, monkeypatch, arguments: str, message: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+
+    status, output, errors = hide(capfd, *arguments.split())
+
+    assert (status, output) == (2, "")
+    assert errors.startswith("hide: ")
+    assert message in errors
+    assert errors.count("\n") == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_folder_with_something_else_is_left_alone(capfd, tmp_path: Path) -> None:
+    (tmp_path / "thesis.tex").write_text("chapter one")
+
+    status, _, errors = hide(capfd, "eval", "noop", "--out", tmp_path)
+
+    assert status == 2
+    assert "holds something else (thesis.tex)" in errors
+    assert contents(tmp_path) == {"thesis.tex": b"chapter one"}
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [["noop"], ["expert", "--split", "val"], ["expert", "--rules", "parity"]],
+)
+def test_the_folder_of_another_run_is_left_alone(
+    capfd, tmp_path: Path, arguments: list[str]
+) -> None:
+    play(tmp_path, ("push_button_times", 0))
+    before = contents(tmp_path)
+
+    status, _, errors = hide(capfd, "eval", *arguments, "--out", tmp_path)
+
+    assert status == 2
+    assert "holds a run with" in errors
+    assert contents(tmp_path) == before
+
+
+def test_a_folder_that_cannot_be_written(capfd, tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+
+    status, _, errors = hide(capfd, "eval", "noop", "--out", tmp_path / "file" / "run")
+
+    assert status == 2
+    assert "cannot be written" in errors
+
+
+def test_the_doctor_finds_this_machine_fit(capfd) -> None:
+    status, output, _ = hide(capfd, "doctor")
+
+    assert status == 0
+    assert "ok  packages: numpy" in output
+
+
+def test_a_reader_that_leaves_early_is_no_mistake() -> None:
+    command = f"{sys.executable} -m server.cli tasks --json | head -c 10; exit ${{PIPESTATUS[0]}}"
+
+    finished = subprocess.run(["bash", "-c", command], capture_output=True, text=True, cwd=ROOT)
+
+    assert finished.stderr == ""

@@ -1,0 +1,238 @@
+"""Evaluations with real simulators, policies and signals."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from hide_tasks.contract import EpisodeSpec, Failure
+from workers.evaluation import Evaluation, Watcher, evaluate, missing
+from workers.run_folder import DECISIONS, RESULTS, RunFolder
+
+ROOT = Path(__file__).parents[2]
+TASKS = ("push_button_times", "search_drawer")
+POLICIES = "python:tests.workers.some_policies"
+VOLATILE = ("created", "machine", "timing")  # what two runs need not have in common
+
+
+def command(*arguments: object) -> list[str]:
+    return [sys.executable, "-m", "server.cli", "eval", *map(str, arguments)]
+
+
+def comparable(folder: Path) -> dict[str, Any]:
+    """results.json without what tells of the time and the machine."""
+
+    def stable(value: Any) -> Any:
+        if isinstance(value, dict):
+            return {key: stable(part) for key, part in value.items() if key not in VOLATILE}
+        return [stable(part) for part in value] if isinstance(value, list) else value
+
+    return stable(json.loads((folder / RESULTS).read_text()))
+
+
+def episodes_in(folder: Path) -> int:
+    try:
+        return len(json.loads((folder / RESULTS).read_text())["episodes"])
+    except FileNotFoundError:
+        return 0
+
+
+def descendants(pid: int) -> list[int]:
+    children = Path(f"/proc/{pid}/task/{pid}/children")
+    mine = [int(child) for child in children.read_text().split()] if children.exists() else []
+    return [*mine, *(grandchild for child in mine for grandchild in descendants(child))]
+
+
+def gone(pids: Sequence[int]) -> bool:
+    return not any(_running(pid) for pid in pids)
+
+
+def _running(pid: int) -> bool:
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except (FileNotFoundError, ProcessLookupError):
+        return False
+
+
+def wait_for(condition: Any, what: str, seconds: float = 60.0) -> None:
+    deadline = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < deadline, f"{what} did not come"
+        time.sleep(0.02)
+
+
+@pytest.fixture(scope="module")
+def expert_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two tasks, two episodes each, two workers, recorded."""
+    folder = tmp_path_factory.mktemp("expert") / "run"
+    evaluate(Evaluation("expert", TASKS, episodes=2), folder, workers=2)
+    return folder
+
+
+def test_an_evaluation_fills_its_folder(expert_run: Path) -> None:
+    results = json.loads((expert_run / RESULTS).read_text())
+    decisions = [json.loads(line) for line in (expert_run / DECISIONS).read_text().splitlines()]
+
+    played = [(episode["task"], episode["index"]) for episode in results["episodes"]]
+    assert played == [(task, index) for task in TASKS for index in range(2)]
+    for episode in results["episodes"]:
+        mine = [
+            d for d in decisions if (d["task"], d["index"]) == (episode["task"], episode["index"])
+        ]
+        assert [d["decision"] for d in mine] == list(range(episode["decisions"]))
+        assert (expert_run / episode["recording"]).stat().st_size > 10_000
+        assert episode["success"] and episode["exact"] and episode["failure"] is None
+    assert not list(expert_run.rglob("*.part"))
+
+
+def test_a_replay_ends_in_the_same_states(expert_run: Path, tmp_path: Path) -> None:
+    """Also: neither the number of workers nor a recording changes an episode."""
+    replay = Evaluation(f"replay:{expert_run}", TASKS, episodes=2, recordings=False)
+
+    results = evaluate(replay, tmp_path / "run", workers=1)
+
+    expert = comparable(expert_run)["episodes"]
+    assert [one.final_state_hash for one in results.episodes] == [
+        one["final_state_hash"] for one in expert
+    ]
+    assert all(one.exact and one.recording is None for one in results.episodes)
+
+
+def test_a_finished_run_is_not_played_again(expert_run: Path) -> None:
+    before = (expert_run / RESULTS).read_bytes()
+
+    class Counts(Watcher):
+        def begun(self, _folder: RunFolder, left: int) -> None:
+            self.left = left
+
+    watcher = Counts()
+    evaluate(Evaluation("expert", TASKS, episodes=2), expert_run, watcher=watcher)
+
+    assert watcher.left == 0
+    assert (expert_run / RESULTS).read_bytes() == before
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="looks into /proc")
+def test_a_killed_run_resumes_to_the_same_results(expert_run: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "run"
+    arguments = ("expert", "--tasks", ",".join(TASKS), "--episodes", 2, "--out", folder)
+    first = subprocess.Popen(command(*arguments, "--workers", 1), cwd=ROOT)
+    wait_for(lambda: episodes_in(folder) >= 1, "the first episode")
+    processes = descendants(first.pid)
+
+    first.kill()
+    first.wait()
+
+    wait_for(lambda: gone(processes), "the end of all workers", 10)
+    assert 1 <= episodes_in(folder) < 4
+    subprocess.run(command(*arguments), cwd=ROOT, check=True, stdout=subprocess.DEVNULL)
+    assert comparable(folder) == comparable(expert_run)
+    assert (folder / DECISIONS).read_text() == (expert_run / DECISIONS).read_text()
+    assert not list(folder.rglob("*.part"))
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="looks into /proc")
+def test_ctrl_c_stops_everything_and_tells_how_to_go_on(tmp_path: Path) -> None:
+    arguments = command(f"{POLICIES}:Hangs", "--out", tmp_path / "run")
+    running = subprocess.Popen(
+        arguments, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        start_new_session=True,
+    )  # fmt: skip
+    log = tmp_path / "run" / "policy.log"
+    wait_for(lambda: log.exists() and "told" in log.read_text(), "an episode under way")
+    processes = descendants(running.pid)
+
+    os.killpg(running.pid, signal.SIGINT)  # as a terminal does it
+    output, errors = running.communicate(timeout=30)
+
+    assert (running.returncode, output) == (130, "")
+    assert errors.splitlines()[-1].endswith(f"--out {tmp_path / 'run'} resumes.")
+    assert "Traceback" not in errors
+    wait_for(lambda: gone(processes), "the end of all workers", 10)
+
+
+@pytest.mark.parametrize(
+    ("name", "failure", "detail"),
+    [
+        ("Stops", Failure.UNDERCOUNT, ""),
+        ("Raises", Failure.POLICY_ERROR, "RuntimeError: no such thing as a cup"),
+        ("Hangs", Failure.POLICY_TIMEOUT, "act took longer than 0.5 s"),
+    ],
+)
+def test_what_a_researchers_policy_does_wrong_is_scored(
+    tmp_path: Path, name: str, failure: Failure, detail: str
+) -> None:
+    evaluation = Evaluation(
+        f"{POLICIES}:{name}", TASKS[:1], episodes=1, recordings=False, policy_timeout=0.5
+    )
+
+    [episode] = evaluate(evaluation, tmp_path / "run", workers=1).episodes
+
+    assert (episode.failure, episode.detail, episode.success) == (failure, detail, False)
+
+
+def test_a_policy_that_died_plays_the_next_episode(tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.syspath_prepend(str(ROOT))
+    monkeypatch.chdir(tmp_path)
+    evaluation = Evaluation(f"{POLICIES}:DiesOnce", TASKS[:1], episodes=2, recordings=False)
+
+    episodes = evaluate(evaluation, tmp_path / "run", workers=1).episodes
+
+    assert sorted(episode.detail for episode in episodes) == [
+        "",
+        "the policy's process died: exit code 1",
+    ]
+
+
+def test_an_episode_that_cannot_be_played_is_missing_not_scored(tmp_path: Path) -> None:
+    folder, lost = tmp_path / "run", []
+
+    class Notes(Watcher):
+        def begun(self, folder: RunFolder, _left: int) -> None:
+            (folder.recordings / f"{TASKS[0]}-test-000.rrd").mkdir()  # where a file must go
+
+        def lost(self, episode: EpisodeSpec, reason: str, final: bool) -> None:
+            lost.append((episode.index, final, "IsADirectoryError" in reason))
+
+    evaluation = Evaluation("noop", TASKS[:1], episodes=2)
+    results = evaluate(evaluation, folder, workers=1, watcher=Notes())
+
+    assert [episode.index for episode in results.episodes] == [1]
+    assert missing(results) == [f"{TASKS[0]}-test-000"]
+    assert lost == [(0, False, True), (0, False, True), (0, True, True)]
+
+
+def test_the_command_prints_what_the_folder_holds(expert_run: Path) -> None:
+    arguments = ("expert", "--tasks", ",".join(TASKS), "--episodes", "2", "--out", expert_run)
+    finished = subprocess.run(
+        command(*arguments, "--json"), cwd=ROOT, check=True, capture_output=True, text=True
+    )
+
+    assert json.loads(finished.stdout) == json.loads((expert_run / RESULTS).read_text())
+    assert finished.stderr == f"{expert_run}: 0 episodes to play, 4 there\n"
+
+
+def test_a_policy_that_fails_is_no_failure_of_the_command(tmp_path: Path) -> None:
+    arguments = ("noop", "--tasks", TASKS[0], "--episodes", 1, "--no-recordings")
+    finished = subprocess.run(
+        command(*arguments, "--out", tmp_path / "run"), cwd=ROOT, capture_output=True, text=True
+    )
+
+    assert finished.returncode == 0
+    assert "undercount (1)" in finished.stdout
+    assert "0 % [0, 80]" in " ".join(finished.stdout.split())
+
+
+def test_parity_has_its_own_budget(tmp_path: Path) -> None:
+    evaluation = Evaluation("expert", TASKS[1:], episodes=1, rules="parity", recordings=False)
+
+    results = evaluate(evaluation, tmp_path / "run", workers=1)
+
+    assert results.budgets == {TASKS[1]: 25}
