@@ -22,7 +22,7 @@ HOVER = 0.083  # m above a button (RLBench push_button)
 PRESS = 0.0065  # m that a press goes down: over the 5 mm that count, under the cap's 8 mm
 STANDOFF = 0.08  # m before a handle
 PITCHES = tuple(math.radians(angle) for angle in (20, 15, 10, 25, 30, 5, 40, 50, 60, 70))
-LOOK_PITCH, LOOK_BACK, LOOK_UP = math.radians(55), 0.10, 0.20  # from an open drawer's handle
+LOOK_PITCH, LOOK_BACK, LOOK_UP = math.radians(75), 0.0, 0.24  # from an open drawer's handle
 WITHDRAWN = 0.35  # m above the table
 
 Place = Callable[[], Array]

@@ -8,7 +8,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
 from hide_tasks.contract import EpisodeResult, EpisodeSpec
-from workers.evaluation import Watcher
+from workers.evaluation import WORKERS_LOG, Watcher
 from workers.run_folder import RunFolder
 
 EVERY = 10.0  # s between two plain lines
@@ -24,7 +24,7 @@ class Reporter(Watcher):
         self.warned = False
 
     def begun(self, folder: RunFolder, left: int) -> None:
-        self.total = left
+        self.folder, self.total = folder.path, left
         self.began = monotonic()
         there = len(folder.results.episodes)
         self.say(f"{folder.path}: {left} episodes to play" + f", {there} there" * bool(there))
@@ -38,7 +38,7 @@ class Reporter(Watcher):
 
     def lost(self, episode: EpisodeSpec, reason: str, final: bool) -> None:
         end = "given up" if final else "tried again"
-        self.say(f"{episode.name} {reason}; {end}")
+        self.say(f"{episode.name}: {reason}; {end}. See {self.folder / WORKERS_LOG}.")
 
     def say(self, line: str) -> None:
         """One line on standard error."""

@@ -19,6 +19,7 @@ from workers.simulator import EpisodeJob, play_episode
 
 EPISODE_LIMIT = 600.0  # s of wall time for everything but the policy's answers
 POLICY_LOG = "policy.log"
+WORKERS_LOG = "workers.log"
 LAYOUT = "layout.rbl"
 
 
@@ -157,7 +158,8 @@ def _jobs(evaluation: Evaluation, path: Path, workers: int) -> list[EpisodeJob]:
 
 def _play(jobs: Sequence[EpisodeJob], folder: RunFolder, workers: int, watcher: Watcher) -> None:
     limit = max(_time_limit(job, folder.results.budgets) for job in jobs)
-    engine = LocalEngine(play_episode, workers=workers, time_limit=limit)
+    log = folder.path / WORKERS_LOG
+    engine = LocalEngine(play_episode, workers=workers, time_limit=limit, log=log)
     with closing(engine.run(jobs)) as outcomes:
         for outcome in outcomes:
             if isinstance(outcome, Lost):

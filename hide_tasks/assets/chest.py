@@ -92,15 +92,19 @@ class Chest(Asset):
     def _frame_shapes(self) -> tuple[Shape, ...]:
         w, d, h = self.width, self.depth, self.height
         dark = shade(WOOD, 0.8)
+        walls, middle = h - self.plinth - WALL, (h + self.plinth - WALL) / 2
         return (
             box((d, w, self.plinth), (0, 0, self.plinth / 2), dark, bevel=0.004),
             box((d + LEDGE, w, WALL), (-LEDGE / 2, 0, h - WALL / 2), WOOD, bevel=0.002),
-            *(box((d, w, SHELF), (0, 0, self.plinth + k * self.pitch), dark) for k in (1, 2)),
-            box((WALL, w, h - self.plinth), ((d - WALL) / 2, 0, (h + self.plinth) / 2), dark),
+            *(
+                box((d - WALL, w - 2 * WALL, SHELF), (-WALL / 2, 0, self.plinth + k * self.pitch), dark)
+                for k in (1, 2)
+            ),
+            box((WALL, w, walls), ((d - WALL) / 2, 0, middle), dark),
             *(
                 box(
-                    (d, WALL, h - self.plinth),
-                    (0, side * (w - WALL) / 2, (h + self.plinth) / 2),
+                    (d - WALL, WALL, walls),
+                    (-WALL / 2, side * (w - WALL) / 2, middle),
                     WOOD,
                     bevel=0.002,
                 )

@@ -10,6 +10,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from hide_tasks.contract import CAMERAS
+
 FloatArray = NDArray[np.float64]
 
 SIZE = 128  # pixels, width and height of the benchmark's images
@@ -50,12 +52,11 @@ _MOUNTS = {
     "left_shoulder": _Mount((-0.175, 0.20, 1.98), (0.416, -0.073, -0.906)),
     "right_shoulder": _Mount((-0.175, -0.20, 1.98), (0.416, 0.073, -0.906)),
 }
-CAMERAS = tuple(_LENSES)  # names, in the order of an observation
 
 # The wrist camera sits where a RealSense is bolted to the hand: beside the fingers on the side
 # that looks away from the base at home, tipped towards the grasp point.
-_WRIST_POSITION = (-0.07, 0.0, 0.03)  # m, frame of panda_hand
-_WRIST_TILT = np.radians(25.0)  # of the optical axis from the hand's z towards its +x
+_WRIST_POSITION = (0.07, 0.0, 0.03)  # m, frame of panda_hand
+_WRIST_TILT = np.radians(25.0)  # of the optical axis from the hand's z towards its -x
 
 
 def camera(name: str, width: int = SIZE, height: int = SIZE) -> Camera:
@@ -78,8 +79,8 @@ def wrist_camera(hand_to_world: FloatArray, width: int = SIZE, height: int = SIZ
     """
     c, s = np.cos(_WRIST_TILT), np.sin(_WRIST_TILT)
     camera_to_hand = np.eye(4)
-    camera_to_hand[:3, 2] = (s, 0.0, c)
-    camera_to_hand[:3, 1] = (c, 0.0, -s)
+    camera_to_hand[:3, 1] = (-c, 0.0, -s)
+    camera_to_hand[:3, 2] = (-s, 0.0, c)
     camera_to_hand[:3, 0] = np.cross(camera_to_hand[:3, 1], camera_to_hand[:3, 2])
     camera_to_hand[:3, 3] = _WRIST_POSITION
     intrinsics = intrinsics_for(WRIST, width, height)

@@ -52,8 +52,6 @@ def _load() -> tuple[Array, NDArray[np.int64]]:
         return file["spheres"], file["frames"]
 
 
-_SPHERES, _FRAMES_OF = _load()
-_GROUPS = 12
 NO_SPHERES = np.empty((0, 4))
 NOTHING = Obstacles(np.empty((0, 3)), np.empty((0, 3, 3)), np.empty((0, 3)))
 
@@ -74,9 +72,8 @@ def body(opening: float = 1.0, held: ArrayLike = NO_SPHERES) -> Body:
     if not np.isfinite(carried).all():
         raise ValueError("held spheres must be finite: x y z in the tip's frame, radius")
     spheres = np.concatenate([_SPHERES, carried])
-    frames = np.concatenate([_FRAMES_OF, np.full(len(carried), _GROUPS - 1)])
-    starts = np.searchsorted(frames, np.arange(_GROUPS + 1))
-    bounds = np.array([_bound(spheres[frames == g]) for g in range(_GROUPS)])
+    starts = np.append(_STARTS, len(spheres))
+    bounds = np.concatenate([_BOUNDS, _bound(carried)[None]])
     return Body(spheres, starts, bounds, float(min(max(opening, 0.0), 1.0)))
 
 
@@ -89,6 +86,11 @@ def _bound(spheres: Array) -> Array:
     centre = (low + high) / 2
     reach = np.sqrt(((spheres[:, :3] - centre) ** 2).sum(1)) + spheres[:, 3]
     return np.append(centre, reach.max())
+
+
+_SPHERES, _FRAMES_OF = _load()
+_STARTS = np.searchsorted(_FRAMES_OF, np.arange(12))  # the last group is what is held
+_BOUNDS = np.array([_bound(_SPHERES[_FRAMES_OF == g]) for g in range(11)])
 
 
 @compiled

@@ -416,9 +416,9 @@ def _search(target: Array, found: Array, grid: int, last_resort: bool) -> int:
             if here < math.inf and low and descend(target, q, HOME, WEIGHTS):
                 count = _insert(q, found, ranks, count)
     if count == 0 and last_resort:
-        k = np.argmin(costs)
-        best = postures[k // 8, k % 8]
-        if costs[k // 8, k % 8] < math.inf and reaches(target, best) and _inside(best):
+        cheapest = int(np.argmin(costs))
+        best = postures[cheapest // 8, cheapest % 8]
+        if np.min(costs) < math.inf and reaches(target, best) and _inside(best):
             count = _insert(best, found, ranks, 0)
     return count
 
@@ -429,7 +429,7 @@ def reaches(target: Array, q: Array) -> bool:
     frames, error = np.empty((FRAMES, 4, 4)), np.empty(6)
     fill_frames(q, frames)
     _fill_error(frames[TIP], target, error)
-    return np.max(np.abs(error)) < 1e-6
+    return bool(np.max(np.abs(error)) < 1e-6)
 
 
 @compiled
@@ -456,7 +456,7 @@ def _insert(q: Array, found: Array, ranks: Array, count: int) -> int:
 
 @compiled
 def fill_matrix(pose: Array, matrix: Array) -> bool:
-    """Write the transform (4, 4) of a pose; False when the pose has no direction or is not finite."""
+    """Write the transform (4, 4) of a pose; False when it is not finite or its quaternion is 0."""
     x, y, z, w = pose[3], pose[4], pose[5], pose[6]
     size = x * x + y * y + z * z + w * w
     if not (1e-12 < size < 1e12 and abs(pose[0]) + abs(pose[1]) + abs(pose[2]) < 1e6):
@@ -512,7 +512,7 @@ def as_array(values: ArrayLike, shape: tuple[int, ...], what: str) -> Array:
     Raises:
         ValueError: the values have another shape; the message names both.
     """
-    array = np.array(values, dtype=np.float64)
+    array = np.array(values, dtype=np.float64, order="C")
     if array.shape != shape:
         raise ValueError(f"{what} has shape {array.shape}, expected {shape}")
     return array
@@ -526,7 +526,7 @@ def pose_to_matrix(pose: ArrayLike) -> Array:
     """
     matrix = np.empty((4, 4))
     if not fill_matrix(as_array(pose, (7,), "a pose"), matrix):
-        raise ValueError(f"a pose needs finite numbers and a quaternion that is not zero: {pose}")
+        raise ValueError(f"a pose needs finite numbers and a quaternion that is not zero: {pose!r}")
     return matrix
 
 
@@ -546,7 +546,7 @@ def link_frames(joints: ArrayLike) -> Array:
 
 def tip_pose(joints: ArrayLike) -> Array:
     """World transform (4, 4) of the tip."""
-    return link_frames(joints)[TIP]
+    return np.asarray(link_frames(joints)[TIP])
 
 
 def jacobian(joints: ArrayLike) -> Array:

@@ -22,15 +22,15 @@ LICENSE = PANDA_FILE.with_suffix(".LICENSE.txt")
 
 # Triangles a link may keep; the wrist camera sees the hand and the fingers from 10 cm.
 BUDGET = {
-    "panda_link1": 900,
-    "panda_link2": 900,
-    "panda_link3": 1100,
-    "panda_link4": 1100,
+    "panda_link1": 750,
+    "panda_link2": 750,
+    "panda_link3": 1000,
+    "panda_link4": 1000,
     "panda_link5": 1300,
-    "panda_link6": 1900,
-    "panda_hand": 1700,
-    "panda_leftfinger": 350,
-    "panda_rightfinger": 350,
+    "panda_link6": 1700,
+    "panda_hand": 1600,
+    "panda_leftfinger": 624,
+    "panda_rightfinger": 624,
 }
 WHITE: Rgb = (236, 238, 240)
 DARK: Rgb = (62, 64, 70)
@@ -62,9 +62,10 @@ def _link(name: str, visual: ElementTree.Element) -> Mesh:
     mesh = visual.find("geometry/mesh")
     assert mesh is not None
     parts = read_obj(SOURCE / mesh.attrib["filename"].removeprefix("package://"))
-    total = sum(len(part.faces) for part in parts)
-    share = min(1.0, BUDGET.get(name, total) / total)
-    parts = [_simplified(part, share) for part in parts]
+    sizes = np.array([len(part.faces) for part in parts])
+    shares = np.sqrt(sizes)  # a small part that lost as much as a large one would lose its shape
+    targets = np.minimum(sizes, BUDGET.get(name, sizes.sum()) * shares / shares.sum())
+    parts = [_simplified(part, int(n)) for part, n in zip(parts, targets, strict=True)]
     offsets = np.cumsum([0] + [len(part.vertices) for part in parts[:-1]])
     vertices = np.concatenate([part.vertices for part in parts])
     faces = [part.faces + start for part, start in zip(parts, offsets, strict=True)]
@@ -130,10 +131,10 @@ def _texture(uv: FloatArray) -> float:
     return float(image[rows, columns].mean())
 
 
-def _simplified(part: Part, share: float) -> Part:
-    """The part with a share of its triangles."""
+def _simplified(part: Part, target: int) -> Part:
+    """The part with `target` triangles."""
     points, faces = weld(part.vertices, part.faces)
-    target = max(int(share * len(faces)), LEAST_PART)
+    target = max(target, LEAST_PART)
     if target < len(faces):
         points, faces = fast_simplification.simplify(
             points.astype(np.float32), faces, target_count=target, agg=3

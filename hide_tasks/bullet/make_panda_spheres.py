@@ -1,9 +1,10 @@
 """Fit the spheres of `panda_spheres.npz` to the convex hulls of PyBullet's Panda.
 
 Run once, after a change of the model: `python -m hide_tasks.bullet.make_panda_spheres`.
-Every hull's surface lies inside its spheres (what touches no surface is not touched either), and no
-sphere stands out of its hull by more than the overhang given here. Greedy set cover: of all spheres as large as the overhang
-allows, take the one that covers most of the surface still bare, until none is.
+Every hull's surface lies inside its spheres (what touches no surface is not touched either), and
+no sphere stands out of its hull by more than the overhang given here. Greedy set cover: of all
+spheres as large as the overhang allows, take the one that covers most of the surface still bare,
+until none is.
 """
 
 from pathlib import Path
@@ -92,7 +93,8 @@ def fit(part: str, overhang: tuple[int, ...]) -> Array:
         bare &= ~covers[:, chosen[-1]]
     spheres = candidates[chosen]
     missed = gaps(surface(hull, 20 * POINTS, rng), spheres).min(1).max()
-    return spheres + [0.0, 0.0, 0.0, PADDING + max(0.0, missed)]
+    spheres[:, 3] += PADDING + max(0.0, missed)
+    return np.asarray(spheres)
 
 
 def main() -> None:

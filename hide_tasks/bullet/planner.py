@@ -7,10 +7,11 @@ pose that is free. So the picture after a keyframe does not tell what came befor
 import math
 from collections.abc import Sequence
 from enum import StrEnum
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from hide_tasks.bullet.collision import (
     NO_SPHERES,
@@ -32,7 +33,6 @@ from hide_tasks.bullet.kinematics import (
     compiled,
     descend,
     fill_frames,
-    pose_to_matrix,
     solutions,
 )
 
@@ -42,11 +42,16 @@ TURN_STEP = 0.05  # rad, the same for its rotation
 _JUMP = 0.2  # rad between points of a straight line: another branch, not a motion
 _POSTURE_STEP = 0.05  # rad of change of posture between points of a straight line
 _STRIDE = 0.01  # m that any part of the arm may move between two checks near an obstacle
+_INTERVALS = 2048  # parts of one edge that may be looked at
 _EXTEND = 0.4  # rad, the step of the search
 _SAMPLES = 3000  # of the search before it gives up
 _SHORTCUTS = 60
 # Farthest that a part of the arm can be from the axis of each joint, m.
-_REACH = np.array([1.0, 1.0, 0.8, 0.8, 0.45, 0.35, 0.25])
+_REACH = np.array([0.99, 0.99, 0.75, 0.67, 0.28, 0.28, 0.13])
+
+
+Counts = NDArray[np.int64]
+State = NDArray[np.uint64]
 
 
 class PathKind(StrEnum):
@@ -153,9 +158,7 @@ def joined(chain: Sequence[ArrayLike]) -> bool:
     if not all(best):
         return False
     postures = [one[0] for one in best]
-    return all(
-        straight_line(a, b) is not None for a, b in zip(postures, postures[1:], strict=False)
-    )
+    return all(straight_line(a, b) is not None for a, b in pairwise(postures))
 
 
 def straight_line(start: ArrayLike, goal: ArrayLike) -> Array | None:
@@ -170,7 +173,7 @@ def straight_line(start: ArrayLike, goal: ArrayLike) -> Array | None:
 
 def dense(path: Array) -> Array:
     """The path (n, 7) with points added until no step is longer than JOINT_STEP or LINE_STEP."""
-    counts = np.array([_steps(a, b) for a, b in zip(path, path[1:], strict=False)])
+    counts = np.array([_steps(a, b) for a, b in pairwise(path)])
     out = np.empty((int(counts.sum()) + 1, 7))
     fill_dense(path, counts, out)
     return out
@@ -188,9 +191,10 @@ def compile_kernels() -> None:
 
 @compiled
 def _tip(q: Array) -> Array:
-    frames = np.empty((FRAMES, 4, 4))
+    frames: Array = np.empty((FRAMES, 4, 4))
     fill_frames(q, frames)
-    return frames[TIP]
+    tip: Array = frames[TIP]
+    return tip
 
 
 @compiled
@@ -248,10 +252,17 @@ def _line_points(start: Array, goal: Array) -> int:
     )
     turn = _rotation_between(a, b)
     angle = math.sqrt(turn[0] ** 2 + turn[1] ** 2 + turn[2] ** 2)
-    change = np.max(np.abs(goal - start))
-    return 1 + int(
-        math.ceil(max(length / LINE_STEP, angle / TURN_STEP, change / _POSTURE_STEP, 1.0))
-    )
+    change = _change(start, goal)
+    return 1 + math.ceil(max(length / LINE_STEP, angle / TURN_STEP, change / _POSTURE_STEP, 1.0))
+
+
+@compiled
+def _change(a: Array, b: Array) -> float:
+    """How far the joint moves that moves most, rad."""
+    most = 0.0
+    for k in range(7):
+        most = max(most, abs(b[k] - a[k]))
+    return most
 
 
 @compiled
@@ -274,13 +285,9 @@ def follow_line(start: Array, goal: Array, path: Array) -> bool:
         if not descend(target, q, nominal, weights):
             return False
         path[i] = q
-        for k in range(7):
-            if abs(path[i, k] - path[i - 1, k]) > _JUMP:
-                return False
-    for k in range(7):
-        if abs(path[last, k] - path[last - 1, k]) > _JUMP:
+        if _change(path[i - 1], path[i]) > _JUMP:
             return False
-    return True
+    return _change(path[last - 1], path[last]) <= _JUMP
 
 
 # --- free paths ---
@@ -290,42 +297,50 @@ def follow_line(start: Array, goal: Array, path: Array) -> bool:
 def edge_is_free(a: Array, b: Array, scene: _Scene) -> bool:
     """True when all postures between a (free itself) and b keep their distances.
 
-    Steps as far as the distance allows: no part of the arm moves further than it is away.
+    Halves what is not known to be free: around a posture with some room to spare it is free as
+    far as no part of the arm moves further than that (Schwarzer, Saha and Latombe 2005).
     """
     speed = 0.0
     for k in range(7):
         speed += abs(b[k] - a[k]) * scene.reach[k]
-    if speed == 0.0:
-        return True
     if spare(b, scene.arm, scene.boxes, scene.kept, 0.0) < 0.0:
         return False
-    q, part = np.empty(7), 0.0
-    room = spare(a, scene.arm, scene.boxes, scene.kept, speed)
-    while True:
-        part += max(room, _STRIDE) / speed
-        if part >= 1.0:
-            return True
+    q, parts = np.empty(7), np.empty((_INTERVALS, 2))
+    parts[0, 0], parts[0, 1] = 0.0, 1.0
+    done, count = 0, 1
+    while done < count:
+        first, last = parts[done]
+        done += 1
+        width = (last - first) * speed
+        if width <= _STRIDE:
+            continue
+        middle = 0.5 * (first + last)
         for k in range(7):
-            q[k] = a[k] + part * (b[k] - a[k])
-        room = spare(q, scene.arm, scene.boxes, scene.kept, (1.0 - part) * speed)
-        if room < 0.0:
+            q[k] = a[k] + middle * (b[k] - a[k])
+        room = spare(q, scene.arm, scene.boxes, scene.kept, 0.5 * width)
+        if room < 0.0 or count + 2 > _INTERVALS:
             return False
+        if 2.0 * room < width:
+            parts[count, 0], parts[count, 1] = first, middle - room / speed
+            parts[count + 1, 0], parts[count + 1, 1] = middle + room / speed, last
+            count += 2
+    return True
 
 
 @compiled
 def path_is_free(path: Array, scene: _Scene) -> bool:
     """True when all edges of a path are free; that its first point is free is taken as given."""
+    free = True
     for i in range(len(path) - 1):
-        if not edge_is_free(path[i], path[i + 1], scene):
-            return False
-    return True
+        free = free and edge_is_free(path[i], path[i + 1], scene)
+    return free
 
 
 # --- the search ---
 
 
 @compiled
-def _draw(state: Array) -> float:
+def _draw(state: State) -> float:
     """The next number in [0, 1) of a splitmix64 generator (Steele, Lea and Flood 2014)."""
     state[0] += np.uint64(0x9E3779B97F4A7C15)
     z = state[0]
@@ -360,7 +375,7 @@ def _step_towards(a: Array, b: Array, out: Array) -> bool:
 
 
 @compiled
-def search(start: Array, goal: Array, scene: _Scene, seed: int, path: Array) -> int:
+def search(start: Array, goal: Array, scene: _Scene, seed: np.uint64, path: Array) -> int:
     """RRT-Connect (Kuffner and LaValle 2000): write the corners of a path, count them; 0: none."""
     size = len(path) // 2
     state = np.array([seed], dtype=np.uint64)
@@ -389,7 +404,7 @@ def search(start: Array, goal: Array, scene: _Scene, seed: int, path: Array) -> 
 
 
 @compiled
-def _grow(tree: Array, parent: Array, counts: Array, which: int, near: int, q: Array) -> None:
+def _grow(tree: Array, parent: Counts, counts: Counts, which: int, near: int, q: Array) -> None:
     tree[counts[which]] = q
     parent[counts[which]] = near
     counts[which] += 1
@@ -397,7 +412,7 @@ def _grow(tree: Array, parent: Array, counts: Array, which: int, near: int, q: A
 
 @compiled
 def _connect(
-    tree: Array, parent: Array, counts: Array, which: int, goal: Array, scene: _Scene
+    tree: Array, parent: Counts, counts: Counts, which: int, goal: Array, scene: _Scene
 ) -> int:
     """Grow a tree towards the goal as far as it goes; the node that is the goal, or -1."""
     near, new = _nearest(tree, counts[which], goal), np.empty(7)
@@ -406,14 +421,14 @@ def _connect(
         if not edge_is_free(tree[near], new, scene):
             return -1
         _grow(tree, parent, counts, which, near, new)
-        near = counts[which] - 1
+        near = int(counts[which]) - 1
         if arrived:
             return near
     return -1
 
 
 @compiled
-def _join(trees: Array, parents: Array, first: int, second: int, path: Array) -> int:
+def _join(trees: Array, parents: Counts, first: int, second: int, path: Array) -> int:
     """Write the path from the root of the first tree over the meeting point to the second's."""
     length, node = 0, first
     while node >= 0:
@@ -432,7 +447,7 @@ def _join(trees: Array, parents: Array, first: int, second: int, path: Array) ->
 
 
 @compiled
-def _shorten(path: Array, length: int, scene: _Scene, state: Array) -> int:
+def _shorten(path: Array, length: int, scene: _Scene, state: State) -> int:
     """Cut corners between random points of the path; its new number of points."""
     a, b = np.empty(7), np.empty(7)
     for _ in range(_SHORTCUTS):
@@ -463,14 +478,16 @@ def _shorten(path: Array, length: int, scene: _Scene, state: Array) -> int:
 
 @compiled
 def _steps(a: Array, b: Array) -> int:
-    """How many steps an edge needs."""
-    start, end = _tip(a), _tip(b)
-    square = change = 0.0
-    for k in range(3):
-        square += (end[k, 3] - start[k, 3]) ** 2
-    for k in range(7):
-        change = max(change, abs(b[k] - a[k]))
-    return int(math.ceil(max(change / JOINT_STEP, math.sqrt(square) / LINE_STEP, 1.0) - 1e-9))
+    """How many equal steps an edge needs: as many as its fastest part."""
+    count = max(1, math.ceil(_change(a, b) / JOINT_STEP - 1e-9))
+    before, longest = _tip(a), 0.0
+    for i in range(count):
+        after = _tip(a + (b - a) * ((i + 1) / count))
+        square = 0.0
+        for k in range(3):
+            square += (after[k, 3] - before[k, 3]) ** 2
+        before, longest = after, max(longest, math.sqrt(square))
+    return max(count, math.ceil(count * longest / LINE_STEP - 1e-3))
 
 
 @compiled

@@ -25,7 +25,7 @@ def kernel(function: Callable[P, R]) -> Callable[P, R]:
 
     A kernel must not call one of another file: the disk cache looks at the caller's file alone.
     """
-    return cast(Callable[P, R], numba.njit(cache=True)(function))
+    return cast(Callable[P, R], numba.njit(cache=True, error_model="numpy")(function))
 
 
 class Shapes(NamedTuple):

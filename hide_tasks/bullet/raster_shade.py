@@ -12,7 +12,7 @@ from hide_tasks.bullet.raster_draw import Frame, Placed, Shapes, kernel
 
 SHADOW_BIAS = 0.003  # m towards the sun; with less, curved faces shade themselves
 GRAZING = 0.15  # cosine below which the shadow is not followed down a slope
-LIGHTS = 11  # values of a face's light: see _light_faces
+LIGHTS = 14  # values of a face's light: see _light_faces
 LINES = 10  # values of a pixel while its row is coloured
 DEPTH, U, V, H, SUN, AROUND, MIRROR, LIT, GAIN, GLOSS = range(LINES)
 
@@ -56,9 +56,10 @@ def shade(
     is scratch.
     """
     height, width = frame.face.shape
-    _light_faces(shapes, placed, frame, rays, lighting, shadows.projection, lights)
+    _light_faces(shapes, placed, tints, frame, rays, lighting, shadows.projection, lights)
     to_map = _pixel_to_map(rays, shadows.projection)
     line = np.zeros((LINES, width))
+    heights, size = shadows.height.reshape(-1), shadows.height.shape[0]
     for row in range(height):
         _find_on_map(frame.closeness, row, to_map, line)
         start = 0
@@ -67,7 +68,7 @@ def shade(
             t = frame.face[row, start]
             if t >= 0:
                 _light(lights, t, row, start, stop, line)
-                _cast_shadow(shadows.height, lights[t, 9], lights[t, 10], start, stop, line)
+                _cast_shadow(heights, size, lights[t, 9], lights[t, 10], start, stop, line)
             start = stop
         _expose(lighting, line)
         start = 0
@@ -75,7 +76,7 @@ def shade(
             stop = _end_of_run(frame.face, row, start)
             t = frame.face[row, start]
             if t >= 0:
-                _paint(shapes.colors, t, tints, shapes.instance[t], line, rgb, row, start, stop)
+                _paint(lights, t, line, rgb, row, start, stop)
             else:
                 _paint_background(rays, lighting, rgb, row, start, stop)
             start = stop
@@ -94,6 +95,7 @@ def _end_of_run(face: IntArray, row: int, start: int) -> int:
 def _light_faces(
     shapes: Shapes,
     placed: Placed,
+    tints: ByteArray,
     frame: Frame,
     rays: FloatArray,
     lighting: Lighting,
@@ -104,7 +106,7 @@ def _light_faces(
 
     Coefficients of (x, y, 1) for sunlight [0:3], light from all around [3:6] and likeness to a
     mirror of the sun [6:9], each over depth; and the rise of the face towards the sun from one
-    texel of the shadow map to the next, along its columns [9] and rows [10].
+    texel of the shadow map to the next, along its columns [9] and rows [10]; its colour [11:14].
     """
     points, normals, weights = placed.points, placed.normals, frame.weights
     lx, ly, lz = lighting.to_sun[0], lighting.to_sun[1], lighting.to_sun[2]
@@ -130,6 +132,8 @@ def _light_faces(
                 lights[t, k + 6] += weight * mirror
         nx, ny, nz = _face_normal(points, shapes.faces, t)
         rise = -texel / max(nx * lx + ny * ly + nz * lz, GRAZING)
+        for k in range(3):
+            lights[t, 11 + k] = shapes.colors[t, k] * tints[shapes.instance[t], k] / 255.0
         for k in range(2):
             lights[t, 9 + k] = rise * (
                 nx * sun_view[k, 0] + ny * sun_view[k, 1] + nz * sun_view[k, 2]
@@ -195,49 +199,59 @@ def _light(
 
 @kernel
 def _cast_shadow(
-    heights: FloatArray, rise_u: float, rise_v: float, start: int, stop: int, line: FloatArray
+    heights: FloatArray,
+    size: int,
+    rise_u: float,
+    rise_v: float,
+    start: int,
+    stop: int,
+    line: FloatArray,
 ) -> None:
     """Writes the part of the sun, 0 to 1, that reaches the pixels of a run.
 
     Each of 4 x 4 texels is compared with the height that the face has there, so that a slope
     does not shade itself; the weights are those of a square of 3 x 3 texels about the point.
     """
-    size = heights.shape[0]
+    low, high = 1.0, size - 2.0
+    one, two = np.uintp(1), np.uintp(size + 3)
+    three, four = np.uintp(2 * size), np.uintp(3 * size + 2)
     for pixel in range(start, stop):
         u, v = line[U, pixel], line[V, pixel]
         line[LIT, pixel] = 1.0
-        if line[SUN, pixel] > 0.0 and 1.0 <= u < size - 2 and 1.0 <= v < size - 2:
+        if line[SUN, pixel] > 0.0 and low <= u < high and low <= v < high:
             column, row = int(u), int(v)
             fu, fv = u - column, v - row
-            h = line[H, pixel] - rise_u * fu - rise_v * fv
-            clear = 0
-            for k in range(-1, 3):
-                clear += heights[row + k, column + k] <= h + rise_v * k + rise_u * k
-                clear += heights[row + k, column + 1 - k] <= h + rise_v * k + rise_u * (1 - k)
+            corner = np.uintp((row - 1) * size + column - 1)
+            h = line[H, pixel] - rise_u * (fu + 1.0) - rise_v * (fv + 1.0)
+            # One texel of each row and column tells whether all are in the sun, or none.
+            clear = int(heights[corner + one] <= h + rise_u)
+            clear += int(heights[corner + two] <= h + rise_v + 3.0 * rise_u)
+            clear += int(heights[corner + three] <= h + 2.0 * rise_v)
+            clear += int(heights[corner + four] <= h + 3.0 * rise_v + 2.0 * rise_u)
             if clear == 0:
                 line[LIT, pixel] = 0.0
-            elif clear < 8:
-                line[LIT, pixel] = _filtered(heights, row, column, fu, fv, h, rise_u, rise_v)
+            elif clear < 4:
+                line[LIT, pixel] = _filtered(heights, size, corner, fu, fv, h, rise_u, rise_v)
 
 
 @kernel
 def _filtered(
     heights: FloatArray,
-    row: int,
-    column: int,
+    size: int,
+    corner: int,
     fu: float,
     fv: float,
     h: float,
     rise_u: float,
     rise_v: float,
 ) -> float:
-    """Weighted part of 4 x 4 texels that are not above a face."""
+    """Weighted part of 4 x 4 texels that are not above a face of height h at the first."""
     total = 0.0
-    for j in range(-1, 3):
-        weight_v = 1.0 - fv if j == -1 else fv if j == 2 else 1.0
-        for i in range(-1, 3):
-            if heights[row + j, column + i] <= h + rise_v * j + rise_u * i:
-                total += weight_v * (1.0 - fu if i == -1 else fu if i == 2 else 1.0)
+    for j in range(4):
+        weight_v = 1.0 - fv if j == 0 else fv if j == 3 else 1.0
+        for i in range(4):
+            clear = heights[corner + np.uintp(j * size + i)] <= h + rise_v * j + rise_u * i
+            total += clear * weight_v * (1.0 - fu if i == 0 else fu if i == 3 else 1.0)
     return total / 9.0
 
 
@@ -259,19 +273,16 @@ def _expose(lighting: Lighting, line: FloatArray) -> None:
 
 @kernel
 def _paint(
-    colors: ByteArray,
+    lights: FloatArray,
     t: int,
-    tints: ByteArray,
-    i: int,
     line: FloatArray,
     rgb: ByteArray,
     row: int,
     start: int,
     stop: int,
 ) -> None:
-    """Colours a run of pixels of face `t` of instance `i`."""
-    red, green, blue = colors[t, 0] / 255.0, colors[t, 1] / 255.0, colors[t, 2] / 255.0
-    red, green, blue = red * tints[i, 0], green * tints[i, 1], blue * tints[i, 2]
+    """Colours a run of pixels of face `t`."""
+    red, green, blue = lights[t, 11], lights[t, 12], lights[t, 13]
     for column in range(start, stop):
         gain, gloss = line[GAIN, column], line[GLOSS, column] + 0.5
         rgb[row, column, 0] = int(min(red * gain + gloss, 255.0))

@@ -44,10 +44,7 @@ class Answers:
         }
 
 
-class Stops:
-    def reset(self, instruction, policy_seed):
-        pass
-
+class Stops(Stays):
     def act(self, observation):
         return Stop()
 

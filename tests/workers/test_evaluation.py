@@ -175,6 +175,7 @@ def test_what_a_researchers_policy_does_wrong_is_scored(
 
     [episode] = evaluate(evaluation, tmp_path / "run", workers=1).episodes
 
+    assert (tmp_path / "run" / "policy.log").read_text().startswith("told: ")
     assert (episode.failure, episode.detail, episode.success) == (failure, detail, False)
 
 
@@ -231,8 +232,9 @@ def test_a_policy_that_fails_is_no_failure_of_the_command(tmp_path: Path) -> Non
 
 
 def test_parity_has_its_own_budget(tmp_path: Path) -> None:
-    evaluation = Evaluation("expert", TASKS[1:], episodes=1, rules="parity", recordings=False)
+    evaluation = Evaluation("noop", TASKS[1:], episodes=1, rules="parity", recordings=False)
 
     results = evaluate(evaluation, tmp_path / "run", workers=1)
 
     assert results.budgets == {TASKS[1]: 25}
+    assert [episode.decisions for episode in results.episodes] == [25]

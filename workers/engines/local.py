@@ -1,5 +1,6 @@
 """A pool of processes on this machine. It places work and kills what is late; it keeps no truth."""
 
+import faulthandler
 import multiprocessing
 import os
 import threading
@@ -8,6 +9,7 @@ from collections.abc import Callable, Generator, Iterable
 from concurrent.futures import CancelledError, Future
 from dataclasses import dataclass
 from multiprocessing.connection import wait
+from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import Generic, TypeVar
 
@@ -51,6 +53,7 @@ class LocalEngine(Generic[Job, Result]):
         function: takes a job; importable by name in a fresh interpreter.
         workers: how many processes.
         time_limit: seconds for one attempt; then its process is killed.
+        log: file that takes what the processes print, native libraries and crashes included.
         recycle_after: a process is replaced after so many jobs, before what it leaks adds up.
     """
 
@@ -60,11 +63,13 @@ class LocalEngine(Generic[Job, Result]):
         *,
         workers: int,
         time_limit: float,
+        log: Path = Path(os.devnull),
         recycle_after: int = 50,
     ):
         self.function = function
         self.workers = workers
         self.time_limit = time_limit
+        self.log = log
         self.recycle_after = recycle_after
         self._running: dict[Future[Result], _Attempt[Job]] = {}
         self._done: SimpleQueue[Future[Result]] = SimpleQueue()
@@ -138,6 +143,7 @@ class LocalEngine(Generic[Job, Result]):
             max_workers=self.workers,
             max_tasks=self.recycle_after,
             initializer=prepare_process,
+            initargs=(self.log,),
             context=multiprocessing.get_context("spawn"),
         )
 
@@ -147,12 +153,12 @@ def limit_threads() -> None:
     os.environ.update(dict.fromkeys(THREAD_LIMITS, "1"))
 
 
-def prepare_process() -> None:
-    """Called first in every worker: it neither outlives its parent nor writes to its output.
-
-    Native libraries print to standard output unasked.
-    """
-    os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+def prepare_process(log: Path = Path(os.devnull)) -> None:
+    """Called first in every worker: it neither outlives its parent nor prints where that does."""
+    output = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
+    os.dup2(output, 1)
+    os.dup2(output, 2)
+    faulthandler.enable()
     threading.Thread(target=_die_with_parent, daemon=True).start()
 
 

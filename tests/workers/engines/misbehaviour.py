@@ -19,6 +19,10 @@ def surroundings(_: None) -> dict[str, str]:
     return {"threads": os.environ["OMP_NUM_THREADS"], "output": os.readlink("/proc/self/fd/1")}
 
 
+def crash(_: None) -> None:
+    os.kill(os.getpid(), signal.SIGSEGV)
+
+
 def fail_on_odd(number: int) -> int:
     if number % 2:
         raise ValueError(f"{number} is odd")

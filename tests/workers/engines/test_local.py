@@ -1,6 +1,5 @@
 """The engine runs functions of the standard library in real processes, and some that misbehave."""
 
-import contextlib
 import os
 import subprocess
 import sys
@@ -19,13 +18,10 @@ def outcomes(function: object, jobs: list, **settings: object) -> list:
 
 
 def alive(pid: int) -> bool:
-    with contextlib.suppress(ProcessLookupError):
-        return (
-            Path(f"/proc/{pid}/stat").read_text().split()[2] != "Z"
-            if os.path.exists(f"/proc/{pid}")
-            else False
-        )
-    return False
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except (FileNotFoundError, ProcessLookupError):
+        return False
 
 
 def test_every_job_is_finished_once_in_recycled_processes() -> None:
@@ -34,10 +30,21 @@ def test_every_job_is_finished_once_in_recycled_processes() -> None:
     assert sorted((one.job, one.result) for one in done) == [(n, n * n) for n in range(20)]
 
 
-def test_a_worker_has_one_thread_and_no_standard_output() -> None:
-    [done] = outcomes(misbehaviour.surroundings, [None])
+def test_a_worker_has_one_thread_and_prints_to_its_log(tmp_path: Path) -> None:
+    log = tmp_path / "log"
 
-    assert done == Finished(None, {"threads": "1", "output": os.devnull})
+    [done] = outcomes(misbehaviour.surroundings, [None], log=log)
+
+    assert done == Finished(None, {"threads": "1", "output": str(log)})
+
+
+def test_a_crash_leaves_its_traceback_in_the_log(tmp_path: Path) -> None:
+    log = tmp_path / "log"
+
+    [*_, last] = outcomes(misbehaviour.crash, [None], workers=1, log=log)
+
+    assert last == Lost(None, "its process died with signal 11", ATTEMPTS, final=True)
+    assert "misbehaviour.py" in log.read_text()
 
 
 def test_a_job_that_raises_is_tried_again_and_then_lost() -> None:
