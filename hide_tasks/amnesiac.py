@@ -10,10 +10,10 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from hide_tasks.bullet.world import World
+from hide_tasks.certificates import committed
 from hide_tasks.contract import Action, EpisodeSpec, Observation
 from hide_tasks.likeness import alike, likeness
 from hide_tasks.script import Point, library, same_action
-from hide_tasks.certificates import committed
 
 Options = dict[str, Point]  # by the name of the stage that they begin or go on with
 

@@ -74,7 +74,9 @@ class Automaton:
 class _Guided:
     """Follows given choices, then takes the untried ones; notes every crossing it passes."""
 
-    def __init__(self, points: Sequence[Point], choices: Sequence[str], tried: set[tuple[Crossing, str]]):
+    def __init__(
+        self, points: Sequence[Point], choices: Sequence[str], tried: set[tuple[Crossing, str]]
+    ):
         self.points, self.choices, self.tried = points, list(choices), tried
         self.passed: list[tuple[int, Crossing, str]] = []  # decision, crossing, choice
         self.decision = -1
@@ -158,21 +160,27 @@ def _run(
     return automaton
 
 
-def best_mix(
-    automata: Sequence[Automaton], verdict: Verdict, budget: int
-) -> tuple[Mix, float]:
+def best_mix(automata: Sequence[Automaton], verdict: Verdict, budget: int) -> tuple[Mix, float]:
     """The odds that maximise a verdict's mean probability over equally likely truths."""
     names = sorted({name for a in automata for crossing, _ in a.roads for name in crossing.options})
     if not names:
         return {}, float(np.mean([a.value({}, verdict, budget) for a in automata]))
 
-    def mean(logits: np.ndarray) -> float:  # type: ignore[type-arg]
+    def mean(logits: np.ndarray) -> float:
         mix = dict(zip(names, np.exp(logits - logits.max()).tolist(), strict=True))
         return float(np.mean([a.value(mix, verdict, budget) for a in automata]))
 
     rng = np.random.default_rng(0)
     starts = [np.zeros(len(names)), *rng.normal(0, 1.5, (STARTS - 1, len(names)))]
-    found = [minimize(lambda x: -mean(x), s, method="Nelder-Mead", options={"xatol": 1e-4, "fatol": 1e-7, "maxiter": 2000}) for s in starts]
+    found = [
+        minimize(
+            lambda x: -mean(x),
+            s,
+            method="Nelder-Mead",
+            options={"xatol": 1e-4, "fatol": 1e-7, "maxiter": 2000},
+        )
+        for s in starts
+    ]
     best = min(found, key=lambda one: float(one.fun))
     odds = np.exp(best.x - best.x.max())
     return dict(zip(names, (odds / odds.sum()).round(6).tolist(), strict=True)), -float(best.fun)

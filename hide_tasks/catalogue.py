@@ -8,7 +8,9 @@ import pkgutil
 from hide_tasks import tasks
 from hide_tasks.task import Task
 
-ALL_TASKS: tuple[str, ...] = tuple(sorted(module.name for module in pkgutil.iter_modules(tasks.__path__)))
+ALL_TASKS: tuple[str, ...] = tuple(
+    sorted(module.name for module in pkgutil.iter_modules(tasks.__path__))
+)
 
 
 class UnknownTask(ValueError):
@@ -29,6 +31,8 @@ def load(name: str) -> type[Task]:
     found = [
         value
         for value in vars(module).values()
-        if inspect.isclass(value) and issubclass(value, Task) and value.__module__ == module.__name__
+        if inspect.isclass(value)
+        and issubclass(value, Task)
+        and value.__module__ == module.__name__
     ]
     return found[0]

@@ -157,7 +157,7 @@ class Keyframe(_Frozen):
     def at(cls, pose: NDArray[np.float64], **fields: Any) -> Self:
         """A keyframe at a pose (7,)."""
         x, y, z, *quaternion = (float(value) for value in pose)
-        return cls(position=(x, y, z), quaternion=tuple(quaternion), **fields)  # type: ignore[arg-type]
+        return cls(position=(x, y, z), quaternion=tuple(quaternion), **fields)
 
 
 class JointPosition(_Frozen):
@@ -221,7 +221,9 @@ def parse_action(value: object) -> "Keyframe | JointPosition | EEDelta | Stop":
             f"{'.'.join(str(part) for part in fault['loc']) or type(value).__name__}: {fault['msg']}"
             for fault in error.errors()[:4]
         )
-        raise InvalidAction(f"Not an action: {faults}. Expected Keyframe or a dense chunk.") from None
+        raise InvalidAction(
+            f"Not an action: {faults}. Expected Keyframe or a dense chunk."
+        ) from None
 
 
 # --- policies -----------------------------------------------------------------------------------

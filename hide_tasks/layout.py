@@ -3,14 +3,14 @@
 import hashlib
 import json
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TypeVar
 
 import numpy as np
 
 from hide_tasks.assets.asset import Asset
-from hide_tasks.poses import pose, quaternion
+from hide_tasks.poses import Array, pose, quaternion
 
 TABLE_TOP = 0.752  # m, RLBench
 BOUNDS = ((-0.3, 0.7), (-0.5, 0.5), (0.6, 1.6))  # m, RLBench's scene bounds: x, y, z
@@ -44,9 +44,9 @@ class Layout:
         self.assets.append(asset)
         return asset
 
-    def add_at(self, asset: A, at: Sequence[float]) -> A:
+    def add_at(self, asset: A, at: Array) -> A:
         """The asset, at a pose (7,)."""
-        asset.at = np.asarray(at, dtype=np.float64)
+        asset.at = at
         self.assets.append(asset)
         return asset
 

@@ -11,9 +11,9 @@ import numpy as np
 
 from hide_tasks.assets.button import Button
 from hide_tasks.assets.chest import BAR, DETENT, Chest, Drawer
-from hide_tasks.panda import FINGERTIP, HOME_POSE
 from hide_tasks.contract import Keyframe
 from hide_tasks.layout import TABLE_TOP
+from hide_tasks.panda import FINGERTIP, HOME_POSE
 from hide_tasks.poses import Array, compose, multiply, point, pose, quaternion
 from hide_tasks.task import Arm, Move
 
@@ -45,7 +45,7 @@ def toward(frame: Array, pitch: float, *, back: float = 0.0, up: float = 0.0) ->
     the horizontal and `up` metres above it.
     """
     tilt = multiply(quaternion(pitch=pitch - math.pi / 2), DOWN)
-    return compose(pose(*point(frame, -back, 0, up), frame[3:]), pose(0, 0, 0, tilt))
+    return compose(np.concatenate([point(frame, -back, 0, up), frame[3:]]), pose(0, 0, 0, tilt))
 
 
 def above(button: Button) -> Move:

@@ -24,7 +24,7 @@ def quaternion(roll: float = 0.0, pitch: float = 0.0, yaw: float = 0.0) -> Array
 
 
 def pose(x: float, y: float, z: float, rotation: Array | None = None) -> Array:
-    """A pose from a position in metres and a quaternion (default: none)."""
+    """A pose (7,) from a position in metres and a quaternion (default: not turned)."""
     turned = np.array([0.0, 0.0, 0.0, 1.0]) if rotation is None else rotation
     return np.concatenate([[x, y, z], turned]).astype(np.float64)
 

@@ -50,7 +50,7 @@ def features(observation: Observation) -> NDArray[np.float64]:
 def _squares(image: NDArray[np.float64]) -> NDArray[np.float64]:
     h, w, channels = image.shape
     blocks = image.reshape(h // CELL, CELL, w // CELL, CELL, channels)
-    return blocks.mean(axis=(1, 3)).ravel()
+    return np.asarray(blocks.mean(axis=(1, 3))).ravel()
 
 
 def classifiers() -> dict[str, Pipeline]:
@@ -72,6 +72,10 @@ def probe(samples: Sequence[Sample]) -> dict[str, Any]:
         guesses = cross_val_predict(classifier, x, y, groups=layouts, cv=GroupKFold(FOLDS))
         rate = Rate(int((guesses == y).sum()), len(y))
         low, high = rate.interval
-        report[name] = {"accuracy": round(rate.value, 4), "low": round(low, 4), "high": round(high, 4)}
+        report[name] = {
+            "accuracy": round(rate.value, 4),
+            "low": round(low, 4),
+            "high": round(high, 4),
+        }
     report["blind"] = all(report[name]["high"] <= chance + MARGIN for name in classifiers())
     return report

@@ -71,7 +71,7 @@ def episode(task: str, split: Split, index: int) -> EpisodeSpec:
 
 def episodes(task: str, split: Split, count: int | None = None) -> list[EpisodeSpec]:
     """The first `count` episodes of a split, or all."""
-    total = SPLITS[split] if split in SPLITS else 1
+    total = SPLITS.get(split, 1)  # an unknown split is told by `episode`
     return [episode(task, split, i) for i in range(total if count is None else min(count, total))]
 
 

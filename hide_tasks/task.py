@@ -67,8 +67,14 @@ class Grid:
 
         No variation comes twice before all came once if the grid has one axis or two.
         """
-        axes = {name: [values[i] for i in rng.permutation(len(values))] for name, values in self.axes.items()}
-        points = [dict(zip(axes, self._diagonal(i, list(axes.values())), strict=True)) for i in range(count)]
+        axes = {
+            name: [values[i] for i in rng.permutation(len(values))]
+            for name, values in self.axes.items()
+        }
+        points = [
+            dict(zip(axes, self._diagonal(i, list(axes.values())), strict=True))
+            for i in range(count)
+        ]
         return [points[i] for i in rng.permutation(count)]
 
     @staticmethod
@@ -135,7 +141,9 @@ class Task(ABC):
     keyframes: ClassVar[frozenset[int]]  # the paper's counts
     looks: ClassVar[tuple[str, ...]] = ()  # axes that change how things look and nothing else
     remembers: ClassVar[str]  # the hidden state, in one sentence
-    spoils: ClassVar[frozenset[Failure]] = frozenset()  # violations after which success is out of reach
+    spoils: ClassVar[frozenset[Failure]] = (
+        frozenset()
+    )  # violations after which success is out of reach
 
     robot: Arm
 
@@ -209,8 +217,15 @@ class Task(ABC):
         """How many decisions an episode may take: 1.5 times the longest script, at least 25."""
         return max(25, math.ceil(1.5 * max(cls.keyframes)))
 
-    def count(self, name: str, reading: Callable[[], float], *, up: float, down: float,
-              when: Callable[[], bool] = lambda: True) -> Counter:
+    def count(
+        self,
+        name: str,
+        reading: Callable[[], float],
+        *,
+        up: float,
+        down: float,
+        when: Callable[[], bool] = lambda: True,
+    ) -> Counter:
         """A counter that is watched at every physics step."""
         counter = Counter(name, reading, up, down, when)
         self.counters.append(counter)

@@ -25,7 +25,6 @@ import rerun_bindings
 from numpy.typing import NDArray
 from PIL import Image
 from rerun.chunk import RrdReader
-from scipy.spatial.transform import Rotation
 
 from hide_tasks.contract import (
     Belief,
@@ -37,6 +36,7 @@ from hide_tasks.contract import (
     Observation,
     Value,
 )
+from hide_tasks.poses import matrix
 from workers.recording_layout import (
     APPLICATION,
     BELIEF,
@@ -48,6 +48,7 @@ from workers.recording_layout import (
     SUMMARY,
     TARGET,
     WORLD,
+    Array,
     Lanes,
     Moment,
     Rows,
@@ -63,7 +64,6 @@ MILLIMETRES = 1000.0  # depth images: units per metre, up to 65 m
 SEND_EVERY = 2.0  # s of wall time between two pieces of a growing file
 STILL = 1e-5  # poses that changed by less (metres, entries of the rotation) are not written again
 
-Array = NDArray[np.float64]
 _PROPERTIES = ["/__properties/episode", "/__properties/verdict"]
 
 
@@ -116,9 +116,8 @@ class Recorder:
             return
         self._poses[moved] = poses[moved]
         moment = Moment(time, self._decision + (time > self._chosen_at))
-        quaternions = Rotation.from_matrix(poses[moved, :3, :3]).as_quat()
-        for part, quaternion in zip(moved, quaternions, strict=True):
-            self._place(self._entities[part], moment, poses[part, :3, 3], quaternion)
+        for part, transform in zip(moved.tolist(), poses[moved], strict=True):
+            self._rows.place(self._entities[part], moment, transform)
 
     def decided(self, observation: Observation, record: DecisionRecord) -> None:
         """Take what was seen before an action, and what the action came to."""
@@ -126,7 +125,7 @@ class Recorder:
         after = Moment(record.time, record.decision + 1)
         self._observe(before, observation)
         if isinstance(record.action, Keyframe):
-            self._place(TARGET, before, record.action.pose[:3], record.action.pose[3:])
+            self._rows.place(TARGET, before, matrix(record.action.pose))
         self._know(after, record)
         self._tell(after, record)
         self._chosen_at, self._decision = after
@@ -195,9 +194,6 @@ class Recorder:
 
     # --- its rows ---
 
-    def _place(self, entity: str, moment: Moment, position: Array, quaternion: Array) -> None:
-        self._rows.add(entity, rr.Transform3D, moment, translation=position, quaternion=quaternion)
-
     def _observe(self, moment: Moment, observation: Observation) -> None:
         for name, view in observation.views.items():
             if moment.decision == 0 and self._stream:
@@ -207,8 +203,7 @@ class Recorder:
         self._rows.add(f"{SIGNALS}/gripper_opening", rr.Scalars, moment, scalars=opening)
 
     def _picture(self, camera: str, moment: Moment, view: CameraView) -> None:
-        turned = Rotation.from_matrix(view.camera_to_world[:3, :3]).as_quat()
-        self._place(camera, moment, view.camera_to_world[:3, 3], turned)
+        self._rows.place(camera, moment, view.camera_to_world)
         rgb = {"blob": jpeg(view.rgb), "media_type": "image/jpeg"}
         depth = {"blob": png(view.depth), "media_type": "image/png", "meter": MILLIMETRES}
         self._rows.add(f"{camera}/rgb", rr.EncodedImage, moment, **rgb)

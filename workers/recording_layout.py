@@ -10,8 +10,11 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from hide_tasks.contract import CAMERAS
 
@@ -30,8 +33,10 @@ SIGNALS = "/signals"  # numbers over time
 SUMMARY = "/summary"  # instruction and verdict
 LOG = "/log"
 
-EYE = (1.45, -0.95, 1.75)  # m; to the right of who faces the robot, above the table
-EYE_TARGET = (0.18, 0.0, 0.88)
+EYE = (0.75, -1.5, 1.75)  # m; in front of the robot, well to its right, above the table
+EYE_TARGET = (0.15, 0.0, 0.92)
+
+Array = NDArray[np.float64]
 
 YES, NO = (88, 140, 120), (150, 146, 140)
 NOTHING = (196, 192, 186)
@@ -112,27 +117,39 @@ class Moment(NamedTuple):
 
 
 class Rows:
-    """Rows by entity and archetype, sent as columns: a chunk an entity, not a chunk a row."""
+    """Rows by entity, sent as columns: a chunk an entity, not a chunk a row."""
 
     def __init__(self) -> None:
         self._rows: dict[tuple[str, Any], list[tuple[Moment, dict[str, Any]]]] = defaultdict(list)
+        self._places: dict[str, list[tuple[Moment, Array]]] = defaultdict(list)
 
     def add(self, entity: str, archetype: Any, moment: Moment, **values: Any) -> None:
         """Keep one row; an entity's rows of one archetype name the same values."""
         self._rows[entity, archetype].append((moment, values))
 
+    def place(self, entity: str, moment: Moment, transform: Array) -> None:
+        """Keep where an entity is in the world, a transform (4, 4)."""
+        self._places[entity].append((moment, transform))
+
     def send(self, stream: rr.RecordingStream) -> None:
         """Hand everything kept to the stream, and forget it."""
         for (entity, archetype), rows in self._rows.items():
-            moments, values = zip(*rows, strict=True)
-            times, decisions = zip(*moments, strict=True)
-            columns = {name: [row[name] for row in values] for name in values[0]}
-            stream.send_columns(
-                entity,
-                [rr.TimeColumn(TIME, duration=times), rr.TimeColumn(DECISION, sequence=decisions)],
-                archetype.columns(**columns),
-            )
+            columns = {name: [row[name] for _, row in rows] for name in rows[0][1]}
+            stream.send_columns(entity, _times(rows), archetype.columns(**columns))
+        for entity, places in self._places.items():
+            transforms = np.array([transform for _, transform in places])
+            columns = {
+                "translation": transforms[:, :3, 3],
+                "quaternion": Rotation.from_matrix(transforms[:, :3, :3]).as_quat(),
+            }
+            stream.send_columns(entity, _times(places), rr.Transform3D.columns(**columns))
         self._rows.clear()
+        self._places.clear()
+
+
+def _times(rows: Sequence[tuple[Moment, Any]]) -> list[rr.TimeColumn]:
+    times, decisions = zip(*(moment for moment, _ in rows), strict=True)
+    return [rr.TimeColumn(TIME, duration=times), rr.TimeColumn(DECISION, sequence=decisions)]
 
 
 class Lanes:

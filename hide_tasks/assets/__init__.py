@@ -7,7 +7,7 @@ from hide_tasks.assets.asset import Asset, Body, Joint, Link, Shape
 from hide_tasks.assets.block import Block
 from hide_tasks.assets.button import Button
 from hide_tasks.assets.chest import Chest, Drawer
-from hide_tasks.assets.colors import COLORS, CLEAR_COLORS
+from hide_tasks.assets.colors import CLEAR_COLORS, COLORS
 from hide_tasks.assets.region import Region
 
 __all__ = [

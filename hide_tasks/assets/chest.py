@@ -54,7 +54,7 @@ class Drawer:
         return compose(self.chest.pose(self.link), pose(0, 0, height))
 
     def item_at_start(self, *, behind_front: float, aside: float, above: float) -> Array:
-        """Where a thing starts in the shut drawer: m behind the front panel, aside, above its floor."""
+        """Where a thing starts in the shut drawer: m behind its front, aside, above its floor."""
         floor = self.chest.height_of(self.level) - 0.5 * self.chest.pitch + FLOOR
         return self.chest.frame(behind_front - self.chest.depth / 2, aside, floor + above)
 
@@ -97,7 +97,11 @@ class Chest(Asset):
             box((d, w, self.plinth), (0, 0, self.plinth / 2), dark, bevel=0.004),
             box((d + LEDGE, w, WALL), (-LEDGE / 2, 0, h - WALL / 2), WOOD, bevel=0.002),
             *(
-                box((d - WALL, w - 2 * WALL, SHELF), (-WALL / 2, 0, self.plinth + k * self.pitch), dark)
+                box(
+                    (d - WALL, w - 2 * WALL, SHELF),
+                    (-WALL / 2, 0, self.plinth + k * self.pitch),
+                    dark,
+                )
                 for k in (1, 2)
             ),
             box((WALL, w, walls), ((d - WALL) / 2, 0, middle), dark),

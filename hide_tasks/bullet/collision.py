@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from hide_tasks.bullet.kinematics import FRAMES, HAND, TIP, Array, as_array, compiled, fill_frames
 
 MARGIN = 0.004  # m that a path keeps from everything
-SLACK = 0.003  # m that a pair which touches at the start may come closer still
+SLACK = 0.002  # m that a pair which touches at the start may come closer still
 _FINGER = 0.0584  # m from the hand to the fingers' frames, along z
 _STROKE = 0.04  # m that each finger moves, along y
 _ARM = 8  # frames before the hand's: what does not belong to the gripper

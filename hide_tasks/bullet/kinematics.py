@@ -27,7 +27,7 @@ MARGIN = 0.02  # rad kept from Franka's soft limits
 LOWER = np.array([-2.8973, -1.7628, -2.8973, -3.0718, -2.8973, -0.0175, -2.8973]) + MARGIN
 UPPER = np.array([2.8973, 1.7628, 2.8973, -0.0698, 2.8973, 3.7525, 2.8973]) - MARGIN
 WEIGHTS = np.array([2.0, 1.0, 2.0, 1.0, 0.5, 1.0, 0.5])
-TILT = 0.2
+WRIST_SIDE = 0.2
 
 # The chain of panda.urdf: quarter turns about x and the offset of each joint in its parent (m).
 _TURNS = np.array([0, -1, 1, 1, -1, 1, 1])
@@ -435,7 +435,7 @@ def reaches(target: Array, q: Array) -> bool:
 @compiled
 def _insert(q: Array, found: Array, ranks: Array, count: int) -> int:
     """Put q in its place by rank unless it is known or the list is full; the new count."""
-    rank = cost(q) - TILT * q[4]
+    rank = cost(q) - WRIST_SIDE * q[4]
     for i in range(count):
         apart = 0.0
         for j in range(7):

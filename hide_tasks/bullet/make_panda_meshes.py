@@ -52,7 +52,9 @@ def main() -> None:
         visual = link.find("visual")
         if visual is not None:
             name = link.attrib["name"]
-            arrays |= {f"{name}/{key}": value for key, value in _packed(_link(name, visual)).items()}
+            arrays |= {
+                f"{name}/{key}": value for key, value in _packed(_link(name, visual)).items()
+            }
     np.savez_compressed(PANDA_FILE, **arrays)  # type: ignore[arg-type]
     shutil.copyfile(SOURCE / "LICENSE.txt", LICENSE)
 

@@ -176,9 +176,7 @@ def shaded(
     )
 
 
-def weld(
-    vertices: FloatArray, faces: NDArray[np.integer]
-) -> tuple[FloatArray, NDArray[np.int64]]:
+def weld(vertices: FloatArray, faces: NDArray[np.integer]) -> tuple[FloatArray, NDArray[np.int64]]:
     """Vertices without repetition, to a nanometre, and the faces that use them."""
     points, point = np.unique(np.round(vertices, 9) + 0.0, axis=0, return_inverse=True)
     return points, point.reshape(-1)[faces]

@@ -4,7 +4,7 @@ import numpy as np
 
 from hide_tasks.assets.asset import Shape
 from hide_tasks.bullet import kinematics
-from hide_tasks.bullet.planner import Obstacles
+from hide_tasks.bullet.collision import Obstacles
 from hide_tasks.bullet.robot import Robot
 from hide_tasks.bullet.scene import TABLE, TABLE_CENTER, BulletBody
 from hide_tasks.layout import TABLE_TOP
@@ -27,7 +27,9 @@ def of(robot: Robot) -> tuple[Obstacles, Array]:
                 placed += boxes
     centers = np.array([transform[:3, 3] for transform, _ in placed])
     rotations = np.array([transform[:3, :3] for transform, _ in placed])
-    return Obstacles(centers, rotations, np.array([half for _, half in placed])), _spheres(robot, carried)
+    return Obstacles(centers, rotations, np.array([half for _, half in placed])), _spheres(
+        robot, carried
+    )
 
 
 def _table() -> Array:

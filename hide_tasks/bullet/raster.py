@@ -114,7 +114,16 @@ class Renderer:
         self, frame: Frame, view: FloatArray, limits: tuple[float, float, float], shown: BoolArray
     ) -> None:
         scratch = self._scratch
-        draw(self._shapes, scratch.placed, shown, view, *limits, scratch.corners, scratch.pixels, frame)
+        draw(
+            self._shapes,
+            scratch.placed,
+            shown,
+            view,
+            *limits,
+            scratch.corners,
+            scratch.pixels,
+            frame,
+        )
 
     def _shade(self, camera: Camera, frame: Frame, tints: ByteArray, rgb: ByteArray) -> None:
         scratch, rays = self._scratch, _rays(camera)

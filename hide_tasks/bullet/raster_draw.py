@@ -28,6 +28,11 @@ def kernel(function: Callable[P, R]) -> Callable[P, R]:
     return cast(Callable[P, R], numba.njit(cache=True, error_model="numpy")(function))
 
 
+def inlined(function: Callable[P, R]) -> Callable[P, R]:
+    """`function` as a part of the kernels that call it."""
+    return cast(Callable[P, R], numba.njit(inline="always", error_model="numpy")(function))
+
+
 class Shapes(NamedTuple):
     """All meshes in one, in their own frames; instance i owns first[i] up to first[i + 1]."""
 
@@ -195,7 +200,7 @@ def _project(
             pixels[v, 3] = int(min(max(v_ + (0.5 + SLACK), 0.0), float(height)))
 
 
-@kernel
+@inlined
 def _rectangle(pixels: IntArray, a: int, b: int, c: int) -> tuple[int, int, int, int]:
     """Columns left..right and rows top..bottom that a face may cover; left < 0 behind `near`."""
     return (
@@ -206,7 +211,7 @@ def _rectangle(pixels: IntArray, a: int, b: int, c: int) -> tuple[int, int, int,
     )
 
 
-@kernel
+@inlined
 def _looks_away(corners: FloatArray, a: int, b: int, c: int) -> bool:
     """Whether the image of a face in front of `near` is clockwise."""
     ux, uy = corners[b, 4] - corners[a, 4], corners[b, 5] - corners[a, 5]
@@ -241,7 +246,7 @@ def _clipped(
     )
 
 
-@kernel
+@inlined
 def _edge(corners: FloatArray, p: int, q: int) -> tuple[float, float, float]:
     """Coefficients of the triple product of two corners and the image point (x, y, 1).
 
@@ -253,7 +258,7 @@ def _edge(corners: FloatArray, p: int, q: int) -> tuple[float, float, float]:
     return py * qw - pw * qy, pw * qx - px * qw, px * qy - py * qx
 
 
-@kernel
+@inlined
 def _fill(
     corners: FloatArray,
     face: tuple[int, int, int],
@@ -307,12 +312,12 @@ def _fill(
     return drawn
 
 
-@kernel
+@inlined
 def _inverse(slope: float) -> float:
     return 0.0 if slope == 0.0 else 1.0 / slope
 
 
-@kernel
+@inlined
 def _narrowed(inverse_slope: float, offset: float, start: int, stop: int) -> tuple[int, int]:
     """Columns of start..stop where x / inverse_slope + offset may be negative, one to spare."""
     zero = min(max(-offset * inverse_slope, start - 2.0), stop + 2.0)

@@ -20,13 +20,15 @@ DEPTH, U, V, H, SUN, AROUND, MIRROR, LIT, GAIN, GLOSS = range(LINES)
 class Lighting(NamedTuple):
     """Light, linear with 1 for white, and background."""
 
-    to_sun: FloatArray = np.array([0.42, 0.50, 1.0])  # direction, world, of any length
-    sun: float = 0.66
-    sky: float = 0.43  # what falls on a face that looks up
-    ground: float = 0.20  # and on one that looks down
+    to_sun: FloatArray = np.array([0.55, 0.45, 1.0])  # direction, world, of any length
+    sun: float = 0.64
+    sky: float = 0.48  # what falls on a face that looks up
+    ground: float = 0.32  # and on one that looks down
     shadow: float = 0.78  # part of the sun that a full shadow takes away
     shine: float = 0.10  # of a highlight
-    wall: FloatArray = np.array([228.0, 231.0, 234.0])  # background, bytes, of a level or upward view
+    wall: FloatArray = np.array(
+        [228.0, 231.0, 234.0]
+    )  # background, bytes, of a level or upward view
     floor: FloatArray = np.array([165.0, 163.0, 161.0])  # and of one straight down
 
 
@@ -119,7 +121,11 @@ def _light_faces(
         for corner in range(3):
             v = shapes.faces[t, corner]
             nx, ny, nz = normals[v, 0], normals[v, 1], normals[v, 2]
-            ex, ey, ez = rays[0, 3] - points[v, 0], rays[1, 3] - points[v, 1], rays[2, 3] - points[v, 2]
+            ex, ey, ez = (
+                rays[0, 3] - points[v, 0],
+                rays[1, 3] - points[v, 1],
+                rays[2, 3] - points[v, 2],
+            )
             distance = np.sqrt(ex * ex + ey * ey + ez * ez)
             hx, hy, hz = lx + ex / distance, ly + ey / distance, lz + ez / distance
             mirror = (nx * hx + ny * hy + nz * hz) / np.sqrt(hx * hx + hy * hy + hz * hz)
@@ -144,8 +150,16 @@ def _light_faces(
 def _face_normal(points: FloatArray, faces: IntArray, t: int) -> tuple[float, float, float]:
     """Unit normal of a face."""
     a, b, c = faces[t, 0], faces[t, 1], faces[t, 2]
-    ux, uy, uz = points[b, 0] - points[a, 0], points[b, 1] - points[a, 1], points[b, 2] - points[a, 2]
-    vx, vy, vz = points[c, 0] - points[a, 0], points[c, 1] - points[a, 1], points[c, 2] - points[a, 2]
+    ux, uy, uz = (
+        points[b, 0] - points[a, 0],
+        points[b, 1] - points[a, 1],
+        points[b, 2] - points[a, 2],
+    )
+    vx, vy, vz = (
+        points[c, 0] - points[a, 0],
+        points[c, 1] - points[a, 1],
+        points[c, 2] - points[a, 2],
+    )
     nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
     length = np.sqrt(nx * nx + ny * ny + nz * nz)
     return nx / length, ny / length, nz / length
@@ -165,9 +179,7 @@ def _pixel_to_map(rays: FloatArray, sun_view: FloatArray) -> FloatArray:
 
 
 @kernel
-def _find_on_map(
-    closeness: FloatArray, row: int, to_map: FloatArray, line: FloatArray
-) -> None:
+def _find_on_map(closeness: FloatArray, row: int, to_map: FloatArray, line: FloatArray) -> None:
     """Writes a row's depths, and where its points are on the shadow map."""
     y = row + 0.5
     u_x, u_0, u_1 = to_map[0, 0], to_map[0, 1] * y + to_map[0, 2], to_map[0, 3] - 0.5
@@ -182,9 +194,7 @@ def _find_on_map(
 
 
 @kernel
-def _light(
-    lights: FloatArray, t: int, row: int, start: int, stop: int, line: FloatArray
-) -> None:
+def _light(lights: FloatArray, t: int, row: int, start: int, stop: int, line: FloatArray) -> None:
     """Writes the light on a run of pixels of face `t`."""
     y = row + 0.5
     sun_x, sun_0 = lights[t, 0], lights[t, 1] * y + lights[t, 2]

@@ -56,9 +56,7 @@ class Robot:
 
     def __init__(self, scene: Scene, step: Callable[[], None]):
         self.scene, self.client, self.step = scene, scene.client, step
-        self.id: int = self.client.loadURDF(
-            _urdf(), kinematics.BASE.tolist(), useFixedBase=True
-        )
+        self.id: int = self.client.loadURDF(_urdf(), kinematics.BASE.tolist(), useFixedBase=True)
         self._constraint: int | None = None
         self._grasped: tuple[BulletBody, int] | None = None
         self._mimic()
@@ -259,8 +257,15 @@ class Robot:
         inverse = self.client.invertTransform(*hand)
         position, rotation = self.client.multiplyTransforms(*inverse, *thing)
         constraint = self.client.createConstraint(
-            self.id, HAND, body.id, link - 1, bullet.JOINT_FIXED, [0, 0, 0],
-            position, [0, 0, 0], rotation,
+            self.id,
+            HAND,
+            body.id,
+            link - 1,
+            bullet.JOINT_FIXED,
+            [0, 0, 0],
+            position,
+            [0, 0, 0],
+            rotation,
         )
         self.client.changeConstraint(constraint, maxForce=HOLD)
         return int(constraint)

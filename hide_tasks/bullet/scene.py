@@ -122,7 +122,10 @@ class Scene:
         table = meshes.merge(
             [
                 (meshes.box(TABLE, 0.004), np.eye(4), (198, 182, 160)),
-                *((meshes.box((0.06, 0.06, 0.71)), _at(x, y, -0.375), (120, 110, 98)) for x, y in _LEGS),
+                *(
+                    (meshes.box((0.06, 0.06, 0.71)), _at(x, y, -0.375), (120, 110, 98))
+                    for x, y in _LEGS
+                ),
             ]
         )
         floor = meshes.merge([(meshes.box((8.0, 8.0, 0.01)), np.eye(4), (150, 152, 156))])
@@ -179,8 +182,8 @@ def _numbered(names: list[str]) -> list[str]:
 def _mesh(shapes: tuple[Shape, ...]) -> Mesh:
     makers = {
         "box": lambda s: meshes.box(s.size, s.bevel),
-        "cylinder": lambda s: meshes.cylinder(*s.size, bevel=s.bevel),
-        "sphere": lambda s: meshes.sphere(*s.size),
+        "cylinder": lambda s: meshes.cylinder(s.size[0], s.size[1], bevel=s.bevel),
+        "sphere": lambda s: meshes.sphere(s.size[0]),
         "lathe": lambda s: meshes.lathe(list(zip(s.size[::2], s.size[1::2], strict=True))),
     }
     return meshes.merge(

@@ -85,7 +85,9 @@ class World:
 
     def poses(self) -> NDArray[np.float64]:
         """(n, 4, 4) world transforms of the parts."""
-        return np.concatenate([np.array(list(self.robot.poses())).reshape(-1,4,4), self.scene.poses()])
+        return np.concatenate(
+            [np.array(list(self.robot.poses())).reshape(-1, 4, 4), self.scene.poses()]
+        )
 
     def observe(self) -> Observation:
         """What a policy sees now."""

@@ -10,7 +10,7 @@ import numpy as np
 
 from hide_tasks.assets import Button, Chest
 from hide_tasks.assets.button import COUNTS_AGAIN_AT, COUNTS_AT
-from hide_tasks.assets.chest import LEVELS
+from hide_tasks.assets.chest import LEVELS, Drawer
 from hide_tasks.contract import Category, Failure, HiddenState
 from hide_tasks.layout import TABLE_TOP, Area
 from hide_tasks.motion import (
@@ -24,7 +24,7 @@ from hide_tasks.motion import (
     top_down,
 )
 from hide_tasks.poses import Array
-from hide_tasks.task import Alias, Checks, Grid, Moment, Stage, Task
+from hide_tasks.task import Alias, Checks, Counter, Grid, Moment, Stage, Task
 
 SCALE = 0.7  # of RLBench's cabinet, as in MemoryBench's reopen_drawer
 CHEST_AT = (0.57, 0.14)  # m
@@ -81,10 +81,10 @@ class ReopenDrawer(Task):
             down=AJAR,
             when=lambda: self.presses_in_turn.total > 0,
         )
-        self.wrong = [
-            self.count(f"{other.level}_opening", lambda o=other: o.opening, up=AJAR, down=SHUT)  # type: ignore[misc]
-            for other in self.others
-        ]
+        self.wrong = [self._tries_of(other) for other in self.others]
+
+    def _tries_of(self, other: Drawer) -> Counter:
+        return self.count(f"{other.level}_opening", lambda: other.opening, up=AJAR, down=SHUT)
 
     def hidden_state(self) -> HiddenState:
         return {

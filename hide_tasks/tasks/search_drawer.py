@@ -9,7 +9,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from hide_tasks.assets import Block, Chest, Region
-from hide_tasks.assets.chest import LEVELS
+from hide_tasks.assets.chest import LEVELS, Drawer
 from hide_tasks.contract import Category, Failure, HiddenState
 from hide_tasks.layout import TABLE_TOP
 from hide_tasks.motion import (
@@ -24,8 +24,8 @@ from hide_tasks.motion import (
     slide_to,
     take,
 )
-from hide_tasks.poses import Array, pose, quaternion, yaw_of
-from hide_tasks.task import Alias, Checks, Grid, Moment, Stage, Task
+from hide_tasks.poses import Array, quaternion, yaw_of
+from hide_tasks.task import Alias, Checks, Counter, Grid, Moment, Stage, Task
 
 CHEST_AT = (0.61, 0.14)  # m
 REGION_AT = (0.26, -0.28)  # m; the cabinet's top, where RLBench has it, is out of the arm's reach
@@ -33,6 +33,7 @@ TURN = 0.2  # rad, at most, either way
 PULL = 0.20  # m
 SEEN = 0.10  # m: a drawer so far open shows what is in it
 SHUT = 0.01  # m
+ABOVE_MAT = 0.004  # m, where the item is let go
 FELL = 0.1  # m under the table's top
 
 
@@ -54,13 +55,10 @@ class SearchDrawer(Task):
         self.drawer = self.chest[self.variation.item_in]
         aside, turn = between(-0.06, 0.06), between(-0.4, 0.4)
         place = self.drawer.item_at_start(behind_front=0.06, aside=aside, above=0.0205)
-        self.item = self.layout.add_at(Block("red"), pose(*place[:3], quaternion(yaw=turn)))
-        self.searches = {
-            level: self.count(
-                f"{level}_search", lambda d=self.chest[level]: d.opening, up=SEEN, down=SHUT  # type: ignore[misc]
-            )
-            for level in LEVELS
-        }
+        self.item = self.layout.add_at(
+            Block("red"), np.concatenate([place[:3], quaternion(yaw=turn)])
+        )
+        self.searches = {drawer.level: self._searches_of(drawer) for drawer in self.chest.drawers()}
 
     def hidden_state(self) -> HiddenState:
         return {
@@ -100,7 +98,12 @@ class SearchDrawer(Task):
             )
         yaw = yaw_of(self.chest.at)
         yield Stage("take", over(self._item, 0.10, opened=True, yaw=yaw), take(self._item, yaw=yaw))
-        yield Stage("place", over(self._item, 0.20, opened=False, yaw=yaw), over(self._goal, 0.08, opened=False, yaw=yaw), put(self._goal, yaw=yaw))
+        yield Stage(
+            "place",
+            over(self._item, 0.20, opened=False, yaw=yaw),
+            over(self._goal, 0.08, opened=False, yaw=yaw),
+            put(self._goal, yaw=yaw),
+        )
 
     def checks(self) -> Checks:
         return {
@@ -128,8 +131,12 @@ class SearchDrawer(Task):
             for one, two in ((0, 1), (1, 2), (0, 2))
         ]
 
+    def _searches_of(self, drawer: Drawer) -> Counter:
+        return self.count(f"{drawer.level}_search", lambda: drawer.opening, up=SEEN, down=SHUT)
+
     def _item(self) -> Array:
-        return self.item.pose()[:3]
+        return np.array(self.item.position)
 
     def _goal(self) -> Array:
-        return self.region.at[:3] + np.array([0.0, 0.0, self.item.size / 2 + 0.004])
+        x, y, z = self.region.at[:3]
+        return np.array([x, y, z + self.item.size / 2 + ABOVE_MAT])

@@ -39,7 +39,10 @@ def test_an_action_survives_its_dictionary_form(position, opening, ignore, stop)
         ({"kind": "keyframe", "position": (0, 0), "quaternion": (0, 0, 0, 1)}, "position"),
         ({"kind": "keyframe", "position": (0, 0, math.nan), "quaternion": (0, 0, 0, 1)}, "finite"),
         ({"kind": "keyframe", "position": (0, 0, 1), "quaternion": (0, 0, 0, 0)}, "length zero"),
-        ({"kind": "keyframe", "position": (0, 0, 1), "quaternion": (0, 0, 0, 1), "opening": 2}, "opening"),
+        (
+            {"kind": "keyframe", "position": (0, 0, 1), "quaternion": (0, 0, 0, 1), "opening": 2},
+            "opening",
+        ),
         ({"kind": "joint_position", "chunk": [[0.0] * 7]}, "expected 8"),
         ({"kind": "ee_delta", "chunk": [[0.0] * 8]}, "expected 7"),
         ({"kind": "ee_delta", "chunk": []}, "chunk"),
@@ -64,9 +67,18 @@ def test_stop_is_an_action_of_its_own():
 def result(**fields):
     return EpisodeResult(
         **{
-            "task": "t", "split": "test", "index": 0, "variation": {}, "instruction": "",
-            "success": True, "exact": True, "failure": None, "decisions": 1, "stage": "",
-            "scene_hash": "", "final_state_hash": "",
+            "task": "t",
+            "split": "test",
+            "index": 0,
+            "variation": {},
+            "instruction": "",
+            "success": True,
+            "exact": True,
+            "failure": None,
+            "decisions": 1,
+            "stage": "",
+            "scene_hash": "",
+            "final_state_hash": "",
             **fields,
         }
     )

@@ -42,8 +42,10 @@ class Scripted:
 @pytest.mark.parametrize(
     ("answer", "failure"),
     [
-        ({"kind": "keyframe", "position": (0.3, 0, float("nan")), "quaternion": (1, 0, 0, 0)},
-         Failure.POLICY_INVALID),
+        (
+            {"kind": "keyframe", "position": (0.3, 0, float("nan")), "quaternion": (1, 0, 0, 0)},
+            Failure.POLICY_INVALID,
+        ),
         (np.zeros(3), Failure.POLICY_INVALID),
         (None, Failure.POLICY_INVALID),
         (RuntimeError("out of memory"), Failure.POLICY_ERROR),
@@ -154,7 +156,9 @@ def test_an_episode_repeats_bit_for_bit_in_another_process_and_order():
     here = {n: play(suite.episode(n, "val", 2), Expert())[0].final_state_hash for n in names}
     there = subprocess.run(
         [sys.executable, "-c", REPEAT, json.dumps(names[::-1])],
-        capture_output=True, text=True, check=True,
+        capture_output=True,
+        text=True,
+        check=True,
     )
 
     assert json.loads(there.stdout) == here

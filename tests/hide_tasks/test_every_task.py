@@ -78,9 +78,9 @@ def test_scripts_have_the_papers_numbers_of_keyframes(name):
     axes = {axis: values for axis, values in task.variations.axes.items() if axis not in task.looks}
     spec = suite.episode(name, "train", 0)
     counts = set()
-    for values in np.array(np.meshgrid(*axes.values(), indexing="ij"), dtype=object).reshape(
-        len(axes), -1
-    ).T:
+    for values in (
+        np.array(np.meshgrid(*axes.values(), indexing="ij"), dtype=object).reshape(len(axes), -1).T
+    ):
         twin = spec.twin(dict(zip(axes, values.tolist(), strict=True)))
         result, _ = play(twin, Expert())
         assert result.exact, (twin.variation, result.failure)
@@ -98,7 +98,9 @@ def test_doing_nothing_or_anything_does_not_succeed(name):
 def test_a_twin_stands_in_the_same_scene(name):
     spec = suite.episode(name, "train", 5)
     one = suite.build(spec)
-    axes = {axis: v for axis, v in load(name).variations.axes.items() if axis not in load(name).looks}
+    axes = {
+        axis: v for axis, v in load(name).variations.axes.items() if axis not in load(name).looks
+    }
     twin = suite.build(spec.twin({axis: values[-1] for axis, values in axes.items()}))
 
     for a, b in zip(one.layout.assets, twin.layout.assets, strict=True):
@@ -129,7 +131,11 @@ def test_an_observation_holds_nothing_of_the_hidden_state(name):
         observation = world.observe()
 
     assert set(vars(observation)) == {
-        "views", "gripper_pose", "gripper_opening", "joint_positions", "instruction",
+        "views",
+        "gripper_pose",
+        "gripper_opening",
+        "joint_positions",
+        "instruction",
     }
     assert set(observation.views) == set(CAMERAS)
     for view in observation.views.values():

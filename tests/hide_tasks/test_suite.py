@@ -15,7 +15,9 @@ def test_an_unknown_task_is_told_the_nearest_and_all():
     assert all(name in str(caught.value) for name in ALL_TASKS)
 
 
-@pytest.mark.parametrize(("split", "index", "word"), [("exam", 0, "split"), ("test", 25, "0 to 24")])
+@pytest.mark.parametrize(
+    ("split", "index", "word"), [("exam", 0, "split"), ("test", 25, "0 to 24")]
+)
 def test_an_unknown_episode_is_told_what_there_is(split, index, word):
     with pytest.raises(ValueError, match=word):
         suite.episode("search_drawer", split, index)
@@ -57,7 +59,9 @@ def test_a_counter_counts_each_excursion_once(readings):
 
 def test_scattered_assets_keep_their_distance():
     layout = Layout(np.random.default_rng(0))
-    buttons = layout.scatter(map(Button, ("red", "blue", "green")), Area((0, 0.4), (-0.3, 0.3)), gap=0.05)
+    buttons = layout.scatter(
+        map(Button, ("red", "blue", "green")), Area((0, 0.4), (-0.3, 0.3)), gap=0.05
+    )
     for i, a in enumerate(buttons):
         for b in buttons[:i]:
             assert np.linalg.norm(a.at[:2] - b.at[:2]) >= 0.05 + a.radius + b.radius

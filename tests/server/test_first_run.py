@@ -1,6 +1,7 @@
 from io import StringIO
 from pathlib import Path
 
+import pytest
 from rich.console import Console
 
 from hide_tasks.contract import Failure
@@ -16,6 +17,7 @@ def shown(runs: dict[str, Results]) -> str:
     return console.export_text()
 
 
+@pytest.mark.slow
 def test_the_built_in_policies_of_one_episode(tmp_path: Path) -> None:
     runs = evaluate_all(tmp_path, TASKS[:1], episodes=1)
 
@@ -40,7 +42,7 @@ def test_the_table_has_policies_below_and_tasks_beside_each_other() -> None:
 
     assert text.index(TASKS[0]) < text.index(TASKS[1]) < text.index("together")
     assert text.index("expert") < text.index("amnesiac") < text.index("best without")
-    assert "100 %  [20, 100]" in text
+    assert "100 % [20, 100]" in text
     assert "n=1 of 3" in text
 
 

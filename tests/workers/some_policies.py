@@ -112,6 +112,11 @@ class Hangs(Stays):
         time.sleep(60)
 
 
+class Nonsense(Stays):
+    def act(self, observation):
+        return "left"
+
+
 class DiesOnce(Stays):
     """Its process dies in the first episode that it ever plays; a file remembers that."""
 
