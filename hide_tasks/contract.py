@@ -217,13 +217,14 @@ def parse_action(value: object) -> "Keyframe | JointPosition | EEDelta | Stop":
     try:
         return _ACTION.validate_python(value)
     except ValidationError as error:
-        faults = "; ".join(
-            f"{'.'.join(str(part) for part in fault['loc']) or type(value).__name__}: {fault['msg']}"
-            for fault in error.errors()[:4]
-        )
+        faults = "; ".join(_fault(value, one["loc"], one["msg"]) for one in error.errors()[:4])
         raise InvalidAction(
-            f"Not an action: {faults}. Expected Keyframe or a dense chunk."
+            f"Not an action: {faults}. Expected a keyframe, a dense chunk or stop."
         ) from None
+
+
+def _fault(value: object, place: tuple[int | str, ...], message: str) -> str:
+    return f"{'.'.join(map(str, place)) or type(value).__name__}: {message}"
 
 
 # --- policies -----------------------------------------------------------------------------------

@@ -27,7 +27,8 @@ class Reporter(Watcher):
         self.folder, self.total = folder.path, left
         self.began = monotonic()
         there = len(folder.results.episodes)
-        self.say(f"{folder.path}: {left} episodes to play" + f", {there} there" * bool(there))
+        episodes = f"{left} episode{'s' * (left != 1)} to play"
+        self.say(f"{folder.path}: {episodes}" + f", {there} there" * bool(there))
 
     def finished(self, result: EpisodeResult) -> None:
         self.done += 1

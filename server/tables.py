@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from itertools import groupby
 from typing import Any
 
+from rich.box import SIMPLE_HEAD
 from rich.table import Table
 from rich.text import Text
 
@@ -51,7 +52,7 @@ class Row:
         if not failures:
             return ""
         name, count = min(failures.items(), key=lambda item: (-item[1], item[0]))
-        return f"{name} ({count})"
+        return f"{name} {count}"
 
 
 def by_task(results: Results) -> list[Row]:
@@ -97,16 +98,25 @@ def percent(rate: Rate) -> str:
 def results_table(results: Results) -> Table:
     """Success, exact, number and most frequent failure per task, category and overall."""
     title = f"{results.policy} on {results.suite} {results.version}, {results.split}"
-    table = Table(title=title, caption="95 % Wilson intervals", title_justify="left")
+    caption = "success rates with 95 % Wilson intervals"
+    table = Table(
+        title=title,
+        caption=caption,
+        title_justify="left",
+        caption_justify="left",
+        box=SIMPLE_HEAD,
+        padding=(0, 1, 0, 0),
+        pad_edge=False,
+    )
     for heading in ("", "task", "success", "exact"):
         table.add_column(heading, no_wrap=True)
     table.add_column("n", justify="right")
-    table.add_column("most frequent failure")
+    table.add_column("frequent failure", overflow="fold")
     for row in (rows := by_task(results)):
         _add(table, row, row.name)
     table.add_section()
     for row in by_category(rows):
-        _add(table, row, "all of the category")
+        _add(table, row, "together")
     table.add_section()
     _add(table, summed("overall", rows), "overall")
     return table

@@ -61,7 +61,8 @@ if TYPE_CHECKING:  # whoever reads a recording needs no simulator
 
 JPEG_QUALITY = 90
 MILLIMETRES = 1000.0  # depth images: units per metre, up to 65 m
-SEND_EVERY = 2.0  # s of wall time between two pieces of a growing file
+PICTURE_EVERY = 0.5  # simulated s between the pictures of dense actions; keyframes show them all
+SEND_EVERY = 3.0  # s of wall time between two pieces of a growing file
 STILL = 1e-5  # poses that changed by less (metres, entries of the rotation) are not written again
 
 _PROPERTIES = ["/__properties/episode", "/__properties/verdict"]
@@ -82,6 +83,7 @@ class Recorder:
         self._lanes = Lanes(self._rows)
         self._stream: rr.RecordingStream | None = None
         self._decision, self._chosen_at, self._now = 0, 0.0, 0.0
+        self._pictured_at = -PICTURE_EVERY
         self._violations: set[str] = set()
 
     # --- what a witness is told ---
@@ -123,9 +125,11 @@ class Recorder:
         """Take what was seen before an action, and what the action came to."""
         before = Moment(self._chosen_at, record.decision)
         after = Moment(record.time, record.decision + 1)
-        self._observe(before, observation)
         if isinstance(record.action, Keyframe):
+            self._observe(before, observation)
             self._rows.place(TARGET, before, matrix(record.action.pose))
+        elif before.time - self._pictured_at >= PICTURE_EVERY:
+            self._observe(before, observation)
         self._know(after, record)
         self._tell(after, record)
         self._chosen_at, self._decision = after
@@ -195,14 +199,15 @@ class Recorder:
     # --- its rows ---
 
     def _observe(self, moment: Moment, observation: Observation) -> None:
+        self._pictured_at = moment.time
         for name, view in observation.views.items():
-            if moment.decision == 0 and self._stream:
-                self._stream.log(camera_path(name), _lens(view), static=True)
             self._picture(camera_path(name), moment, view)
         opening = observation.gripper_opening
         self._rows.add(f"{SIGNALS}/gripper_opening", rr.Scalars, moment, scalars=opening)
 
     def _picture(self, camera: str, moment: Moment, view: CameraView) -> None:
+        if moment.decision == 0 and self._stream:
+            self._stream.log(camera, _lens(view), static=True)
         self._rows.place(camera, moment, view.camera_to_world)
         rgb = {"blob": jpeg(view.rgb), "media_type": "image/jpeg"}
         depth = {"blob": png(view.depth), "media_type": "image/png", "meter": MILLIMETRES}

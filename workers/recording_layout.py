@@ -33,8 +33,8 @@ SIGNALS = "/signals"  # numbers over time
 SUMMARY = "/summary"  # instruction and verdict
 LOG = "/log"
 
-EYE = (0.75, -1.5, 1.75)  # m; in front of the robot, well to its right, above the table
-EYE_TARGET = (0.15, 0.0, 0.92)
+EYE = (0.8, -1.6, 1.85)  # m; in front of the robot, well to its right, above the table
+EYE_TARGET = (0.15, 0.0, 0.95)
 
 Array = NDArray[np.float64]
 
@@ -105,7 +105,8 @@ def _states() -> rrb.StateTimelineView:
 
 
 def _told() -> rrb.Tabs:
-    log = rrb.TextLogView(origin=LOG, name="Log")
+    columns = rrb.TextLogColumns(text_log_columns=["loglevel", "body"])
+    log = rrb.TextLogView(origin=LOG, name="Log", columns=columns)
     return rrb.Tabs(log, rrb.TimeSeriesView(origin=SIGNALS, name="Signals"), active_tab=0)
 
 
@@ -134,15 +135,15 @@ class Rows:
     def send(self, stream: rr.RecordingStream) -> None:
         """Hand everything kept to the stream, and forget it."""
         for (entity, archetype), rows in self._rows.items():
-            columns = {name: [row[name] for _, row in rows] for name in rows[0][1]}
-            stream.send_columns(entity, _times(rows), archetype.columns(**columns))
+            values = {name: [row[name] for _, row in rows] for name in rows[0][1]}
+            stream.send_columns(entity, _times(rows), archetype.columns(**values))
         for entity, places in self._places.items():
             transforms = np.array([transform for _, transform in places])
-            columns = {
-                "translation": transforms[:, :3, 3],
-                "quaternion": Rotation.from_matrix(transforms[:, :3, :3]).as_quat(),
-            }
-            stream.send_columns(entity, _times(places), rr.Transform3D.columns(**columns))
+            columns = rr.Transform3D.columns(
+                translation=transforms[:, :3, 3],
+                quaternion=Rotation.from_matrix(transforms[:, :3, :3]).as_quat(),
+            )
+            stream.send_columns(entity, _times(places), columns)
         self._rows.clear()
         self._places.clear()
 

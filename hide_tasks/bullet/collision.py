@@ -90,7 +90,7 @@ def _bound(spheres: Array) -> Array:
 
 _SPHERES, _FRAMES_OF = _load()
 _STARTS = np.searchsorted(_FRAMES_OF, np.arange(12))  # the last group is what is held
-_BOUNDS = np.array([_bound(_SPHERES[_FRAMES_OF == g]) for g in range(11)])
+_BOUNDS = np.array([_bound(group) for group in np.split(_SPHERES, _STARTS[1:-1])])
 
 
 @compiled

@@ -44,7 +44,7 @@ _POSTURE_STEP = 0.05  # rad of change of posture between points of a straight li
 _STRIDE = 0.01  # m that any part of the arm may move between two checks near an obstacle
 _INTERVALS = 2048  # parts of one edge that may be looked at
 _EXTEND = 0.4  # rad, the step of the search
-_SAMPLES = 3000  # of the search before it gives up
+_SAMPLES = 5000  # of the search before it gives up
 _SHORTCUTS = 60
 # Farthest that a part of the arm can be from the axis of each joint, m.
 _REACH = np.array([0.99, 0.99, 0.75, 0.67, 0.28, 0.28, 0.13])
@@ -100,8 +100,13 @@ def plan(
 
     Everything keeps 4 mm from the boxes, except what touches them at the start. A function of
     its arguments: the search draws from `seed` and ends by its number of samples.
+
+    Raises:
+        ValueError: the start is not finite, or an array has a wrong shape.
     """
     joints = as_array(start, (7,), "start")
+    if not np.isfinite(joints).all():
+        raise ValueError(f"start must be finite joint angles in rad, not {joints}")
     goals = solutions(goal_pose)
     if not goals:
         return PlanFailure.OUT_OF_REACH

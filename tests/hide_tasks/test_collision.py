@@ -131,7 +131,7 @@ def test_every_corner_of_a_link_is_in_a_sphere(part: tuple[str, int, tuple[int, 
 
 
 def test_an_open_gripper_is_wider_than_a_shut_one() -> None:
-    joints, beside = posture(0.3, 0.0, 1.0), box((0.3, 0.075, 1.0), (0.005, 0.01, 0.005))
+    joints, beside = posture(0.3, 0.0, 1.0), box((0.3, 0.07, 1.0), (0.005, 0.01, 0.005))
 
     assert collision.clearance(joints, 0.0, beside) > 0.02
     assert collision.clearance(joints, 1.0, beside) < 0
@@ -154,11 +154,15 @@ def test_what_is_held_counts() -> None:
 
 
 def test_the_boxes_that_are_touched_are_named() -> None:
-    joints, boxes = posture(0.3, 0.0, TOP + 0.012), clutter(0, count=1)
-    far = Obstacles(*(np.concatenate(pair) for pair in zip(boxes, box((2, 0, 0), (0.1,) * 3))))
+    joints, table, far = (
+        posture(0.3, 0.0, TOP + 0.012),
+        clutter(0, count=1),
+        box((2, 0, 0), (1,) * 3),
+    )
+    both = Obstacles(*(np.concatenate(pair) for pair in zip(table, far, strict=True)))
 
-    assert collision.touching(joints, 1.0, far).tolist() == [True, False]
-    assert collision.touching(posture(0.3, 0.0, 0.9), 1.0, far).tolist() == [False, False]
+    assert collision.touching(joints, 1.0, both).tolist() == [True, False]
+    assert collision.touching(posture(0.3, 0.0, 0.9), 1.0, both).tolist() == [False, False]
 
 
 def test_what_touches_at_the_start_is_tolerated_but_may_not_dig_in() -> None:

@@ -146,8 +146,10 @@ import json, sys
 from hide_tasks import suite
 from hide_tasks.episode import play
 from hide_tasks.policies import Expert
-names = json.loads(sys.argv[1])
-print(json.dumps({n: play(suite.episode(n, "val", 2), Expert())[0].final_state_hash for n in names}))
+hashes = {}
+for name in json.loads(sys.argv[1]):
+    hashes[name] = play(suite.episode(name, "val", 2), Expert())[0].final_state_hash
+print(json.dumps(hashes))
 """
 
 

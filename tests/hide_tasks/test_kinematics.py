@@ -71,7 +71,7 @@ def top_down(rng: np.random.Generator, tilt: float = 0.0) -> Array:
 
 
 def horizontal(rng: np.random.Generator) -> Array:
-    """A tip (4, 4) that points to +x, pitched down by 40 to 60 degrees, fingers level or upright."""
+    """A tip (4, 4) that points to +x, pitched down by 40 to 60 degrees, rolled by 0 or 90."""
     position = rng.uniform([0.15, -0.2, 0.84], [0.3, 0.2, 1.0])
     pitch = rotation(np.array([0, 1, 0]), math.radians(rng.uniform(40, 60)))
     roll = rotation(np.array([0, 0, 1]), rng.choice([0, math.pi / 2]))
@@ -191,7 +191,8 @@ def test_a_small_change_of_the_pose_is_a_small_change_of_the_posture() -> None:
     for _ in range(100):
         pose = kinematics.matrix_to_pose(top_down(rng))
         one = kinematics.solve(pose)
-        other = kinematics.solve(pose + [1e-5, -1e-5, 1e-5, 0, 0, 0, 0])
+        pose[:3] += [1e-5, -1e-5, 1e-5]
+        other = kinematics.solve(pose)
 
         assert one is not None
         assert other is not None

@@ -1,3 +1,4 @@
+import re
 from io import StringIO
 
 import pytest
@@ -32,8 +33,8 @@ def test_a_row_counts_both_verdicts_and_the_most_frequent_failure() -> None:
     count, search = by_task(results())
 
     assert (count.success, count.exact, count.coverage) == (Rate(2, 3), Rate(1, 3), "3")
-    assert count.common_failure == "overcount (1)"
-    assert (search.coverage, search.common_failure) == ("2 of 3", "repeated_step (2)")
+    assert count.common_failure == "overcount 1"
+    assert (search.coverage, search.common_failure) == ("2 of 3", "repeated_step 2")
 
 
 def test_categories_and_the_whole_are_over_episodes() -> None:
@@ -66,14 +67,8 @@ def test_the_table_holds_every_number() -> None:
 
     lines = console.export_text().splitlines()
     [line] = [line for line in lines if "push_button_times" in line]
-    assert [cell.strip() for cell in line.strip("│").split("│")] == [
-        "RC",
-        "push_button_times",
-        "67 %  [20, 94]",
-        "33 %   [6, 80]",
-        "3",
-        "overcount (1)",
-    ]
+    cells = ["RC", "push_button_times", "67 %  [20, 94]", "33 %   [6, 80]", "3", "overcount 1"]
+    assert re.split(r"\s{2,}(?!\[)(?! \[)", line.strip()) == cells
     [whole] = [line for line in lines if "overall" in line]
     assert "40 %" in whole
     assert "5 of 6" in whole
