@@ -41,7 +41,9 @@ def frames(spec: EpisodeSpec, moments: list[int], view: str, size: int) -> list[
     return [found[moment] for moment in moments]
 
 
-def labelled(image: Image.Image, at: tuple[int, int], text: str, ink: tuple[int, ...] = INK) -> None:
+def labelled(
+    image: Image.Image, at: tuple[int, int], text: str, ink: tuple[int, ...] = INK
+) -> None:
     """Write a line of text centred at a point."""
     font = ImageFont.load_default(size=17)
     ImageDraw.Draw(image).text(at, text, fill=ink, font=font, anchor="mm")

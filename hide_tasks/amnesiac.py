@@ -22,7 +22,7 @@ def signature(points: Sequence[Point]) -> str:
     """What the scripts of an episode and its twins consist of; mixes are kept by it."""
     runs: dict[int, list[str]] = {}
     for point in points:
-        runs.setdefault(point.twin, []).append(point.stage)
+        runs.setdefault(point.script, []).append(point.stage)
     return " / ".join(_folded(stages) for stages in runs.values())
 
 

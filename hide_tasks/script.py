@@ -12,12 +12,12 @@ from hide_tasks.contract import EpisodeSpec, HiddenState, Keyframe, Observation,
 from hide_tasks.task import Move, Stage, Task
 
 
-def script(task: Task) -> Iterator[tuple[str, Keyframe]]:
-    """The expert's keyframes with the names of their stages; the last one says stop.
+def script(task: Task, detour: int | None = None) -> Iterator[tuple[str, Keyframe]]:
+    """The keyframes of the expert, or of a detour, with their stages; the last one says stop.
 
     A keyframe is read when it is asked for, so the one before must have been carried out.
     """
-    moves = _moves(task.expert())
+    moves = _moves(task.expert() if detour is None else task.detours()[detour])
     name, move = next(moves)
     for next_name, next_move in moves:
         yield name, move()
@@ -33,7 +33,7 @@ def _moves(stages: Iterator[Stage]) -> Iterator[tuple[str, Move]]:
 class Point:
     """A moment of an expert's episode: what is seen, what comes next, and why."""
 
-    twin: int  # which of the twins
+    script: int  # which of the scripts of the episode and its twins
     keyframes: int  # how many are done
     observation: Observation
     next: Keyframe
@@ -50,23 +50,24 @@ def twins(spec: EpisodeSpec) -> list[Variation]:
     ]
 
 
-def points(spec: EpisodeSpec, twin: int = 0) -> list[Point]:
+def points(spec: EpisodeSpec, number: int = 0, detour: int | None = None) -> list[Point]:
     """The expert's episode of a spec, point by point; a last observation has no point."""
     found = []
     with World(suite.build(spec)) as world:
-        for done, (stage, keyframe) in enumerate(script(world.task)):
+        for done, (stage, keyframe) in enumerate(script(world.task, detour)):
             observation, hidden = world.observe(), world.task.hidden_state()
-            found.append(Point(twin, done, observation, keyframe, stage, hidden))
+            found.append(Point(number, done, observation, keyframe, stage, hidden))
             world.execute(keyframe)
     return found
 
 
 def library(spec: EpisodeSpec) -> list[Point]:
-    """The script points of an episode and of all its twins."""
-    found = []
-    for number, variation in enumerate(twins(spec)):
-        found += points(spec.twin(variation), number)
-    return found
+    """The script points of an episode and of all its twins, detours last."""
+    specs = [spec.twin(variation) for variation in twins(spec)]
+    detours = [(s, d) for s in specs for d in range(len(suite.build(s).detours()))]
+    found = [points(s, number) for number, s in enumerate(specs)]
+    found += [points(s, len(specs) + i, d) for i, (s, d) in enumerate(detours)]
+    return [point for one in found for point in one]
 
 
 def same_action(a: Keyframe, b: Keyframe) -> bool:

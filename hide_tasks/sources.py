@@ -21,12 +21,21 @@ SHARED = (
 )
 
 
-def sources_hash(task: str) -> str:
-    """SHA-256 of a task's file and of everything that all tasks stand on."""
+LOOKS = ("cameras.py", "meshes.py", "raster.py", "raster_draw.py", "raster_shade.py")
+JUDGES = ("amnesiac.py", "automaton.py", "certificate.py", "likeness.py", "probe.py")
+NEITHER = ("make_panda_meshes.py", "make_panda_spheres.py", "warm.py")
+
+
+def sources_hash(task: str, *, certified: bool = False) -> str:
+    """SHA-256 of a task's file and of everything that all tasks stand on.
+
+    What a certificate stands on includes the renderer and the code that judges.
+    """
+    left_out = NEITHER if certified else NEITHER + LOOKS
     files = [
-        *(ROOT / name for name in SHARED),
+        *(ROOT / name for name in SHARED + (JUDGES if certified else ())),
         *sorted((ROOT / "assets").glob("*.py")),
-        *sorted(f for f in (ROOT / "bullet").glob("*.py") if not f.name.startswith("make_")),
+        *sorted(f for f in (ROOT / "bullet").glob("*.py") if f.name not in left_out),
         ROOT / "tasks" / f"{task}.py",
     ]
     digest = hashlib.sha256()

@@ -172,6 +172,10 @@ class Task(ABC):
     def expert(self) -> Iterator[Stage]:
         """The script."""
 
+    def detours(self) -> list[Iterator[Stage]]:
+        """Other scripts that do it right, for a policy that comes off the expert's way."""
+        return []
+
     @abstractmethod
     def checks(self) -> Checks:
         """The named conditions of success."""

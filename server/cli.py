@@ -12,14 +12,12 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
 from typer import Argument, Option
 
 from server.arguments import BadUsage, chosen_tasks, episode_count, new_folder
 
 BAD_USAGE = 2
 INTERRUPTED = 130  # as shells count: 128 and the signal's number
-PAGE = 160  # columns of a table that is not for a screen
 
 app = typer.Typer(
     help="HIDE: robot tasks whose next action depends on what was seen and done before.",
@@ -152,11 +150,12 @@ def doctor() -> None:
 
 def show(content: object) -> None:
     """A document as JSON, anything else as rich draws it, on standard output."""
+    from server.tables import screen
+
     if isinstance(content, dict):
         typer.echo(json.dumps(content, indent=1))
-        return
-    console = Console()
-    Console(width=None if console.is_terminal else PAGE).print(content)
+    else:
+        screen().print(content)
 
 
 def _version() -> str:

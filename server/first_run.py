@@ -5,22 +5,22 @@ What is there already is not played again.
 
 import sys
 from collections.abc import Mapping, Sequence
-from itertools import groupby
 from pathlib import Path
 
-from rich.console import Console
+from rich.box import SIMPLE_HEAD
 from rich.table import Table
+from rich.text import Text
 
-from hide_tasks import ALL_TASKS
+from hide_tasks import ALL_TASKS, load
 from hide_tasks.certificates import certificate
 from server.arguments import BadUsage
 from server.run import run
-from server.tables import Row, by_task, label, percent, summed
+from server.tables import Row, by_task, color, percent, screen, summed
 from workers.evaluation import LAYOUT, Evaluation
 from workers.run_folder import RECORDINGS, Results
 
 FOLDER = Path("runs", "first")
-MOST_COLUMNS = 5  # tasks beside each other; more are shown category by category
+LABELS, COLUMN = 24, 18  # characters of a table's width: its first columns, each task
 
 
 def policies(folder: Path) -> dict[str, str]:
@@ -49,36 +49,42 @@ def evaluate_all(
     }
 
 
-def tables(runs: Mapping[str, Results]) -> list[Table]:
-    """Policies below, tasks beside each other, both verdicts with intervals, and ceilings."""
+def tables(runs: Mapping[str, Results], width: int) -> list[Table]:
+    """Policies below, tasks beside each other, both verdicts with intervals, and ceilings.
+
+    As many tasks stand in one table as the width, in characters, has room for.
+    """
     rows = {name: by_task(results) for name, results in runs.items()}
-    columns = next(iter(rows.values()))
-    groups = [columns]
-    if len(columns) > MOST_COLUMNS:
-        groups = [list(group) for _, group in groupby(columns, key=lambda row: row.category)]
-    return [_table(rows, [row.name for row in group]) for group in groups]
+    tasks = [row.name for row in next(iter(rows.values()))]
+    room = max(1, (width - LABELS) // COLUMN - 1)  # one column is for all of them
+    return [_table(rows, tasks[start : start + room]) for start in range(0, len(tasks), room)]
 
 
 def _table(rows: Mapping[str, Sequence[Row]], names: Sequence[str]) -> Table:
-    table = Table(caption="success rates with 95 % Wilson intervals", show_lines=True)
-    table.add_column("policy")
-    table.add_column("verdict")
-    for row in (shown := _only(next(iter(rows.values())), names)):
-        table.add_column(label(row.category).append(f"\n{row.name}"), no_wrap=True)
-    table.add_column("together", no_wrap=True)
+    table = Table(
+        caption="success rates with 95 % Wilson intervals",
+        caption_justify="left",
+        box=SIMPLE_HEAD,
+        padding=(0, 1, 1, 0),
+        pad_edge=False,
+    )
+    for heading in ("policy", "verdict", *map(_heading, names), "overall"):
+        table.add_column(heading, overflow="fold")
     for policy, cells in rows.items():
-        shown = _only(cells, names)
-        table.add_row(policy, "success\nexact", *map(_cell, [*shown, summed("", shown)]))
+        overall = summed("overall", cells)
+        shown = [row for row in cells if row.name in names]
+        label = f"{policy}\nn={overall.coverage}"
+        table.add_row(label, "success\nexact", *map(_cell, [*shown, overall]))
     table.add_row("best without\nmemory", "success\nexact", *map(_ceiling, names))
     return table
 
 
-def _only(rows: Sequence[Row], names: Sequence[str]) -> list[Row]:
-    return [row for row in rows if row.name in names]
+def _heading(task: str) -> Text:
+    return Text(task, style=f"bold {color(load(task).category)}")
 
 
 def _cell(row: Row) -> str:
-    return f"{percent(row.success)}\n{percent(row.exact)}  n={row.coverage}"
+    return f"{percent(row.success)}\n{percent(row.exact)}"
 
 
 def _ceiling(task: str) -> str:
@@ -114,10 +120,9 @@ def main() -> None:
         sys.exit(f"make run: {error}")
     except KeyboardInterrupt:
         sys.exit("make run: stopped; `make run` goes on from here.")
-    console = Console(soft_wrap=not sys.stdout.isatty())
-    for table in tables(runs):
-        console.print(table)
-    console.print(where_to_look(runs, FOLDER), soft_wrap=True, markup=False, highlight=False)
+    for table in tables(runs, screen().width):
+        screen().print(table)
+    screen().print(where_to_look(runs, FOLDER), soft_wrap=True, markup=False, highlight=False)
     if not all(results.complete for results in runs.values()):
         sys.exit(1)
 

@@ -8,6 +8,7 @@ from itertools import groupby
 from typing import Any
 
 from rich.box import SIMPLE_HEAD
+from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
@@ -17,6 +18,7 @@ from hide_tasks.contract import Category, EpisodeResult
 from hide_tasks.statistics import Rate
 from workers.run_folder import Results
 
+PAGE = 160  # columns of a table that is not for a screen
 COLORS = {"RC": "#D99A5E", "HSR": "#588C78", "EPT": "#8D75A5"}  # the paper's
 
 
@@ -129,7 +131,18 @@ def _add(table: Table, row: Row, name: str) -> None:
 
 def label(category: Category | None) -> Text:
     """A category's abbreviation in its colour."""
-    return Text(category, style=f"bold {COLORS[category]}") if category else Text()
+    return Text(category or "", style=f"bold {color(category)}")
+
+
+def color(category: Category | None) -> str:
+    """A category's colour, as rich understands it."""
+    return COLORS[category] if category else "default"
+
+
+def screen() -> Console:
+    """Standard output; a table that is not for a screen has room."""
+    console = Console()
+    return console if console.is_terminal else Console(width=PAGE)
 
 
 # --- the catalogue ---

@@ -104,7 +104,7 @@ class Recorder:
         for entity, part in zip(self._entities, parts, strict=True):
             stream.log(entity, drawn(part.mesh), static=True)
         played = spec.name + f" · {self._policy}" * bool(self._policy)
-        self._summary = f"## {instruction}\n\n{played}"
+        self._summary = f"### {instruction}\n\n{played}"
         self._summarise(Moment(0.0, 0), self._summary)
         self._send()
 

@@ -86,7 +86,7 @@ def _scene() -> rrb.Spatial3DView:
 def _seen() -> rrb.Vertical:
     pictures = rrb.Tabs(_pictures("rgb", "Cameras"), _pictures("depth", "Depth"), active_tab=0)
     summary = rrb.TextDocumentView(origin=SUMMARY, name="Episode")
-    return rrb.Vertical(summary, pictures, row_shares=[1, 3])
+    return rrb.Vertical(summary, pictures, row_shares=[2, 7])
 
 
 def _pictures(kind: str, title: str) -> rrb.Grid:

@@ -14,24 +14,26 @@ SHUT = 2e-4  # m or rad: nearer than this it is put at exactly zero
 SLOW = 0.01  # m/s or rad/s
 
 
+def rest_motors(client: Client, body: int, joints: Sequence[Joint]) -> None:
+    """Set up what every joint does when nobody touches it: spring back, or stick."""
+    for index, joint in enumerate(joints):
+        if joint.spring:
+            _pull(client, body, index, joint.spring)
+        else:
+            _stick(client, body, index, joint.friction)
+
+
 class Mechanics:
-    """The joints of one asset. Acts once per physics step, changes motors only when needed."""
+    """Detents and interlocks of one asset. Changes motors only when something changes."""
 
     def __init__(self, client: Client, body: int, asset: Asset):
         self.client, self.body = client, body
         self.joints = [link.joint for link in asset.links[1:] if link.joint]
         self.interlocked = asset.interlocked
-        self.modes = [""] * len(self.joints)
-        self.still = True
-        self._plain = not any(joint.detent for joint in self.joints)
-        for index, joint in enumerate(self.joints):
-            self._set(index, "spring" if joint.spring else "shut" if _shut(joint) else "free")
+        self.modes = ["free"] * len(self.joints)
 
     def act(self, states: Sequence[Any], held_link: int | None) -> None:
         """React to the joints' states as read after a step."""
-        self.still = all(abs(state[1]) < SLOW for state in states)
-        if self._plain:
-            return
         opened = self._opened(states) if self.interlocked else None
         for index, (joint, state) in enumerate(zip(self.joints, states, strict=True)):
             self._set(index, self._mode(index, joint, state[0], held_link, opened))
@@ -57,17 +59,19 @@ class Mechanics:
         if self.modes[index] == mode:
             return
         self.modes[index] = mode
-        joint = self.joints[index]
         if mode == "free":
-            self.client.setJointMotorControl2(
-                self.body, index, bullet.VELOCITY_CONTROL, targetVelocity=0, force=joint.friction
-            )
-            return
-        force = {"spring": joint.spring, "shut": SNAP, "locked": LOCK}[mode]
-        self.client.setJointMotorControl2(
-            self.body, index, bullet.POSITION_CONTROL, targetPosition=0, force=force
-        )
+            _stick(self.client, self.body, index, self.joints[index].friction)
+        else:
+            _pull(self.client, self.body, index, SNAP if mode == "shut" else LOCK)
 
 
-def _shut(joint: Joint) -> bool:
-    return joint.start < joint.detent
+def _pull(client: Client, body: int, index: int, force: float) -> None:
+    client.setJointMotorControl2(
+        body, index, bullet.POSITION_CONTROL, targetPosition=0, force=force
+    )
+
+
+def _stick(client: Client, body: int, index: int, force: float) -> None:
+    client.setJointMotorControl2(
+        body, index, bullet.VELOCITY_CONTROL, targetVelocity=0, force=force
+    )

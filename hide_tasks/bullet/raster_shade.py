@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from hide_tasks.bullet.meshes import ByteArray, FloatArray, IntArray
-from hide_tasks.bullet.raster_draw import Frame, Placed, Shapes, kernel
+from hide_tasks.bullet.raster_draw import Frame, Placed, Shapes, inlined, kernel
 
 SHADOW_BIAS = 0.003  # m towards the sun; with less, curved faces shade themselves
 GRAZING = 0.15  # cosine below which the shadow is not followed down a slope
@@ -64,27 +64,47 @@ def shade(
     heights, size = shadows.height.reshape(-1), shadows.height.shape[0]
     for row in range(height):
         _find_on_map(frame.closeness, row, to_map, line)
-        start = 0
-        while start < width:
-            stop = _end_of_run(frame.face, row, start)
-            t = frame.face[row, start]
-            if t >= 0:
-                _light(lights, t, row, start, stop, line)
-                _cast_shadow(heights, size, lights[t, 9], lights[t, 10], start, stop, line)
-            start = stop
+        _light_row(frame.face, row, lights, heights, size, line)
         _expose(lighting, line)
-        start = 0
-        while start < width:
-            stop = _end_of_run(frame.face, row, start)
-            t = frame.face[row, start]
-            if t >= 0:
-                _paint(lights, t, line, rgb, row, start, stop)
-            else:
-                _paint_background(rays, lighting, rgb, row, start, stop)
-            start = stop
+        _paint_row(frame.face, row, lights, line, rays, lighting, rgb)
 
 
 @kernel
+def _light_row(
+    face: IntArray, row: int, lights: FloatArray, heights: FloatArray, size: int, line: FloatArray
+) -> None:
+    """Writes the light on a row's pixels."""
+    start = 0
+    while start < face.shape[1]:
+        stop, t = _end_of_run(face, row, start), face[row, start]
+        if t >= 0:
+            _light(lights, t, row, start, stop, line)
+            _cast_shadow(heights, size, lights[t, 9], lights[t, 10], start, stop, line)
+        start = stop
+
+
+@kernel
+def _paint_row(
+    face: IntArray,
+    row: int,
+    lights: FloatArray,
+    line: FloatArray,
+    rays: FloatArray,
+    lighting: Lighting,
+    rgb: ByteArray,
+) -> None:
+    """Writes a row's colours."""
+    start = 0
+    while start < face.shape[1]:
+        stop, t = _end_of_run(face, row, start), face[row, start]
+        if t >= 0:
+            _paint(lights, t, line, rgb, row, start, stop)
+        else:
+            _paint_background(rays, lighting, rgb, row, start, stop)
+        start = stop
+
+
+@inlined
 def _end_of_run(face: IntArray, row: int, start: int) -> int:
     """Column where another face begins than the one at `start`."""
     stop = start + 1
@@ -193,7 +213,7 @@ def _find_on_map(closeness: FloatArray, row: int, to_map: FloatArray, line: Floa
         line[H, column] = (h_x * x + h_0) * depth + h_1
 
 
-@kernel
+@inlined
 def _light(lights: FloatArray, t: int, row: int, start: int, stop: int, line: FloatArray) -> None:
     """Writes the light on a run of pixels of face `t`."""
     y = row + 0.5
@@ -207,7 +227,7 @@ def _light(lights: FloatArray, t: int, row: int, start: int, stop: int, line: Fl
         line[MIRROR, column] = max((mirror_x * x + mirror_0) * depth, 0.5)
 
 
-@kernel
+@inlined
 def _cast_shadow(
     heights: FloatArray,
     size: int,
@@ -228,7 +248,9 @@ def _cast_shadow(
     for pixel in range(start, stop):
         u, v = line[U, pixel], line[V, pixel]
         line[LIT, pixel] = 1.0
-        if line[SUN, pixel] > 0.0 and low <= u < high and low <= v < high:
+        if line[SUN, pixel] == 0.0:
+            line[LIT, pixel] = 0.0
+        elif low <= u < high and low <= v < high:
             column, row = int(u), int(v)
             fu, fv = u - column, v - row
             corner = np.uintp((row - 1) * size + column - 1)
@@ -244,7 +266,7 @@ def _cast_shadow(
                 line[LIT, pixel] = _filtered(heights, size, corner, fu, fv, h, rise_u, rise_v)
 
 
-@kernel
+@inlined
 def _filtered(
     heights: FloatArray,
     size: int,
@@ -281,7 +303,7 @@ def _expose(lighting: Lighting, line: FloatArray) -> None:
         line[GLOSS, column] = shine * lit * gloss
 
 
-@kernel
+@inlined
 def _paint(
     lights: FloatArray,
     t: int,
@@ -300,7 +322,7 @@ def _paint(
         rgb[row, column, 2] = int(min(blue * gain + gloss, 255.0))
 
 
-@kernel
+@inlined
 def _paint_background(
     rays: FloatArray, lighting: Lighting, rgb: ByteArray, row: int, start: int, stop: int
 ) -> None:

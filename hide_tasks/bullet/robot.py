@@ -26,7 +26,8 @@ from hide_tasks.poses import Array, matrix
 ARM = list(range(7))
 HAND, FINGERS, TIP = 8, (9, 10), 11
 WIDTH = 0.04  # m that each finger opens
-ARM_FORCE = 87.0  # N m
+FORCES = [87.0] * 7  # N m
+POSITION_GAINS, VELOCITY_GAINS = [0.3] * 7, [1.0] * 7
 GRIP = 20.0  # N
 HOLD = 300.0  # N at which a held thing gives way
 NEAR = 0.002  # m between finger and link that counts as touching
@@ -170,9 +171,9 @@ class Robot:
             ARM,
             bullet.POSITION_CONTROL,
             targetPositions=joints.tolist(),
-            forces=[ARM_FORCE] * 7,
-            positionGains=[0.3] * 7,
-            velocityGains=[1.0] * 7,
+            forces=FORCES,
+            positionGains=POSITION_GAINS,
+            velocityGains=VELOCITY_GAINS,
         )
 
     def _settle(self, target: Array) -> None:

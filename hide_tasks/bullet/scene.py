@@ -4,9 +4,10 @@ A scene is built for one episode and closed after it, never restored: continuing
 state differs from the uninterrupted run.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 import pybullet as bullet
@@ -15,7 +16,7 @@ from numpy.typing import NDArray
 from hide_tasks.assets.asset import Asset, Joint, Link, Shape
 from hide_tasks.bullet import meshes
 from hide_tasks.bullet.client import Client
-from hide_tasks.bullet.mechanics import Mechanics
+from hide_tasks.bullet.mechanics import SLOW, Mechanics, rest_motors
 from hide_tasks.bullet.meshes import Mesh
 from hide_tasks.layout import TABLE_TOP, Layout
 from hide_tasks.poses import Array, matrix, pose
@@ -43,17 +44,21 @@ class BulletBody:
         self.readings = [link.joint.start if link.joint else 0.0 for link in asset.links]
         self.id = _create(client, asset)
         self.joints = list(range(len(asset.links) - 1))
-        self.limits = [(j.lower, j.upper) for j in (link.joint for link in asset.links[1:]) if j]
-        self.mechanics = Mechanics(client, self.id, asset) if self.joints else None
+        joints = [link.joint for link in asset.links[1:] if link.joint]
+        self.limits = [(i, joint.lower, joint.upper) for i, joint in enumerate(joints, 1)]
+        self.states: Sequence[Any] = ()
+        rest_motors(client, self.id, joints)
+        snaps = any(joint.detent for joint in joints)
+        self.mechanics = Mechanics(client, self.id, asset) if snaps else None
 
     def refresh(self) -> None:
         """Read the joints; let springs, detents and interlocks act on what was read."""
-        if self.mechanics is None:
-            return
-        states = self.client.getJointStates(self.id, self.joints)
-        for link, (state, (low, high)) in enumerate(zip(states, self.limits, strict=True), 1):
-            self.readings[link] = min(max(state[0], low), high)
-        self.mechanics.act(states, self.held_link)
+        self.states = states = self.client.getJointStates(self.id, self.joints)
+        for link, low, high in self.limits:
+            reading = states[link - 1][0]
+            self.readings[link] = low if reading < low else high if reading > high else reading
+        if self.mechanics:
+            self.mechanics.act(states, self.held_link)
 
     def joint(self, link: int) -> float:
         """The link's reading, clamped to its limits: Bullet's limits are soft."""
@@ -97,7 +102,7 @@ class Scene:
         self.bodies = [BulletBody(self.client, asset) for asset in self.assets]
         for asset, body in zip(self.assets, self.bodies, strict=True):
             asset.body = body
-        self.moving = [body for body in self.bodies if body.mechanics]
+        self.moving = [body for body in self.bodies if body.joints]
         self.free = [body for body in self.bodies if body.asset.links[0].mass > 0]
 
     def close(self) -> None:
@@ -115,7 +120,7 @@ class Scene:
             velocity, turning = self.client.getBaseVelocity(body.id)
             if max(map(abs, velocity)) > 0.01 or max(map(abs, turning)) > 0.1:
                 return False
-        return all(body.mechanics is None or body.mechanics.still for body in self.moving)
+        return all(abs(state[1]) < SLOW for body in self.moving for state in body.states)
 
     def parts(self) -> list[Part]:
         """What is drawn, in the order of `poses`."""

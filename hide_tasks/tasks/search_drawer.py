@@ -78,7 +78,14 @@ class SearchDrawer(Task):
         return f"open {left[0] if left else self.drawer.level}"
 
     def expert(self) -> Iterator[Stage]:
-        for level in LEVELS:
+        return self._search(LEVELS)
+
+    def detours(self) -> list[Iterator[Stage]]:
+        # Shows what to do with every drawer when it is open and empty.
+        return [self._search(LEVELS[::-1])] if self.variation.item_in == LEVELS[0] else []
+
+    def _search(self, order: tuple[str, ...]) -> Iterator[Stage]:
+        for level in order:
             drawer = self.chest[level]
             pitch = pitch_for(self.robot, self.chest, level, PULL)
             yield Stage(

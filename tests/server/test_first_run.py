@@ -10,9 +10,9 @@ from tests.workers.test_run_folder import TASKS, play, result, wanted
 from workers.run_folder import Results
 
 
-def shown(runs: dict[str, Results]) -> str:
-    console = Console(width=160, record=True, file=StringIO())
-    for table in tables(runs):
+def shown(runs: dict[str, Results], width: int = 160) -> str:
+    console = Console(width=width, record=True, file=StringIO())
+    for table in tables(runs, width):
         console.print(table)
     return console.export_text()
 
@@ -40,10 +40,20 @@ def test_the_table_has_policies_below_and_tasks_beside_each_other() -> None:
 
     text = shown({"expert": good, "amnesiac": bad})
 
-    assert text.index(TASKS[0]) < text.index(TASKS[1]) < text.index("together")
+    assert text.index(TASKS[0]) < text.index(TASKS[1]) < text.index("overall")
     assert text.index("expert") < text.index("amnesiac") < text.index("best without")
     assert "100 % [20, 100]" in text
-    assert "n=1 of 3" in text
+    assert "n=1 of 6" in text
+
+
+def test_on_a_narrow_screen_no_number_is_cut_off() -> None:
+    full = wanted().with_episode(result(TASKS[0], 0)).with_episode(result(TASKS[1], 0))
+
+    text = shown({"expert": full}, width=70)
+
+    assert text.count("overall") == 2
+    assert text.count("100 % [20, 100]") == 4
+    assert text.count("100 % [34, 100]") == 4
 
 
 def test_a_run_that_is_there_is_not_played_again(tmp_path: Path) -> None:

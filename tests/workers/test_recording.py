@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from functools import partial
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from importlib.util import find_spec
+from itertools import groupby
 from pathlib import Path
 from shutil import which
 from time import monotonic
@@ -20,6 +21,7 @@ from numpy.typing import NDArray
 from playwright.sync_api import Page, sync_playwright
 from rerun.chunk import RrdReader
 
+from hide_tasks import episode, suite
 from hide_tasks.bullet import meshes
 from hide_tasks.bullet.cameras import camera
 from hide_tasks.bullet.meshes import Mesh
@@ -39,6 +41,7 @@ from hide_tasks.contract import (
     MotionOutcome,
     Observation,
 )
+from hide_tasks.policies import Expert
 from workers.recording import Recorder, drawn, properties_of
 from workers.recording_layout import as_text, write_layout
 
@@ -119,7 +122,7 @@ def result(**fields: Any) -> EpisodeResult:
     return EpisodeResult(**values | fields)
 
 
-def play(recorder: Recorder, decisions: int = DECISIONS) -> None:
+def tell(recorder: Recorder, decisions: int = DECISIONS) -> None:
     """A small episode, told to the recorder as the loop tells it."""
     recorder.begin(SPEC, INSTRUCTION, parts())
     recorder.frame(0.0, poses(0.0))
@@ -132,7 +135,7 @@ def play(recorder: Recorder, decisions: int = DECISIONS) -> None:
 
 def recorded(path: Path, **verdict: Any) -> Path:
     with Recorder(path, policy="expert") as recorder:
-        play(recorder)
+        tell(recorder)
         recorder.end(result(**verdict), observation(DECISIONS))
     return path
 
@@ -252,7 +255,7 @@ def test_a_part_that_stands_still_is_written_once(tmp_path: Path) -> None:
 
 def test_an_episode_that_dies_leaves_no_file(tmp_path: Path) -> None:
     with pytest.raises(RuntimeError, match="lost"), Recorder(tmp_path / "a.rrd") as recorder:
-        play(recorder, decisions=1)
+        tell(recorder, decisions=1)
         assert list(tmp_path.iterdir()) == [recorder.partial]
         raise RuntimeError("worker lost")
 
@@ -264,7 +267,7 @@ def test_a_growing_recording_can_be_read(tmp_path: Path, monkeypatch: pytest.Mon
     monkeypatch.setattr("workers.recording.SEND_EVERY", 0.0)
 
     with Recorder(tmp_path / "a.rrd") as recorder:
-        play(recorder, decisions=2)
+        tell(recorder, decisions=2)
         stages = rows(recorder.partial, "/stage", "StateChange:state")
 
     assert stages == {(1.0, 1): "press 1", (2.0, 2): "press 2"}
@@ -272,13 +275,28 @@ def test_a_growing_recording_can_be_read(tmp_path: Path, monkeypatch: pytest.Mon
 
 def test_two_attempts_at_one_episode_do_not_meet(tmp_path: Path) -> None:
     first, second = Recorder(tmp_path / "a.rrd"), Recorder(tmp_path / "a.rrd")
-    play(first)
-    play(second, decisions=1)
+    tell(first)
+    tell(second, decisions=1)
 
     first.end(result(), observation())
     second.discard()
 
     assert len(rows(tmp_path / "a.rrd", "/world/cameras/front/rgb", "EncodedImage:blob")) == 6
+
+
+def test_an_expert_episode_is_small_and_tells_its_hidden_state(tmp_path: Path) -> None:
+    path = tmp_path / "a.rrd"
+
+    with Recorder(path, policy="expert") as recorder:
+        spec = suite.episode("push_button_times", "test", 0)
+        verdict, records = episode.play(spec, Expert(), witnesses=[recorder])
+
+    assert path.stat().st_size < 1_500_000
+    assert properties_of(path)["scene_hash"] == verdict.scene_hash
+    for name in records[0].hidden:
+        told = rows(path, f"/hidden/{name}", "StateChange:state")
+        values = [as_text(record.hidden[name]) for record in records]
+        assert list(told.values()) == [value for value, _ in groupby(values)]
 
 
 def test_a_part_inside_another_is_refused(tmp_path: Path) -> None:
@@ -438,7 +456,7 @@ def opened(address: str) -> Iterator[Page]:
     """The page once the viewer has the recording."""
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
-        page = browser.new_page(viewport={"width": 900, "height": 600})
+        page = browser.new_page(viewport={"width": 640, "height": 400})
         try:
             page.goto(address)
             until(page, LAID_OUT)
