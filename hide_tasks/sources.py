@@ -23,7 +23,7 @@ SHARED = (
 
 LOOKS = ("cameras.py", "meshes.py", "raster.py", "raster_draw.py", "raster_shade.py")
 JUDGES = ("amnesiac.py", "automaton.py", "certificate.py", "likeness.py", "probe.py")
-NEITHER = ("make_panda_meshes.py", "make_panda_spheres.py", "warm.py")
+NEITHER = ("__init__.py", "make_panda_meshes.py", "make_panda_spheres.py", "warm.py")
 
 
 def sources_hash(task: str, *, certified: bool = False) -> str:

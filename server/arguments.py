@@ -33,7 +33,7 @@ def chosen_tasks(names: str, category: str | None = None) -> tuple[str, ...]:
 
 
 def _in_order(names: Iterable[str]) -> tuple[str, ...]:
-    from workers.run_folder import in_order
+    from workers.results import in_order
 
     return tuple(in_order(names))
 

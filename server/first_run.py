@@ -17,7 +17,8 @@ from server.arguments import BadUsage
 from server.run import run
 from server.tables import Row, by_task, color, percent, screen, summed
 from workers.evaluation import LAYOUT, Evaluation
-from workers.run_folder import RECORDINGS, Results
+from workers.results import Results
+from workers.run_folder import RECORDINGS
 
 FOLDER = Path("runs", "first")
 LABELS, COLUMN = 24, 18  # characters of a table's width: its first columns, each task
@@ -66,9 +67,8 @@ def _table(rows: Mapping[str, Sequence[Row]], names: Sequence[str]) -> Table:
         caption_justify="left",
         box=SIMPLE_HEAD,
         padding=(0, 1, 1, 0),
-        pad_edge=False,
     )
-    for heading in ("policy", "verdict", *map(_heading, names), "overall"):
+    for heading in (Text("policy"), Text("verdict"), *map(_heading, names), Text("overall")):
         table.add_column(heading, overflow="fold")
     for policy, cells in rows.items():
         overall = summed("overall", cells)

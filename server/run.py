@@ -12,7 +12,8 @@ from server.progress import reporting
 from workers.engines.local import limit_threads, prepare_process
 from workers.evaluation import Evaluation, count_cpus, evaluate, missing
 from workers.policies import BadPolicy
-from workers.run_folder import FolderError, Results
+from workers.results import Results
+from workers.run_folder import FolderError
 
 
 def run(evaluation: Evaluation, folder: Path, workers: int | None = None) -> Results:

@@ -16,7 +16,7 @@ from hide_tasks import load
 from hide_tasks.certificates import certificate
 from hide_tasks.contract import Category, EpisodeResult
 from hide_tasks.statistics import Rate
-from workers.run_folder import Results
+from workers.results import Results
 
 PAGE = 160  # columns of a table that is not for a screen
 COLORS = {"RC": "#D99A5E", "HSR": "#588C78", "EPT": "#8D75A5"}  # the paper's
@@ -108,7 +108,6 @@ def results_table(results: Results) -> Table:
         caption_justify="left",
         box=SIMPLE_HEAD,
         padding=(0, 1, 0, 0),
-        pad_edge=False,
     )
     for heading in ("", "task", "success", "exact"):
         table.add_column(heading, no_wrap=True)
@@ -172,20 +171,25 @@ def _entry(name: str) -> dict[str, Any]:
 
 def catalogue_table(entries: Sequence[Mapping[str, Any]]) -> Table:
     """The catalogue for a reader."""
-    table = Table(show_lines=True)
+    table = Table(box=SIMPLE_HEAD, padding=(0, 1, 1, 0))
     columns: dict[str, Callable[[Mapping[str, Any]], Text | str]] = {
         "": lambda entry: label(Category(entry["category"])),
         "task": lambda entry: Text(f"{entry['name']}\n“{entry['instruction']}”"),
         "variations": lambda entry: str(entry["variations"]),
-        "keyframes": lambda entry: ", ".join(map(str, entry["keyframes"])),
+        "keyframes": lambda entry: _span(entry["keyframes"]),
         "hidden state": lambda entry: entry["hidden_state"],
         "certificate": lambda entry: _verdict(entry["certificate"]),
     }
     for heading in columns:
-        table.add_column(heading, justify="right" if heading == "variations" else "left")
+        table.add_column(heading, overflow="fold")
     for entry in sorted(entries, key=lambda entry: list(Category).index(entry["category"])):
         table.add_row(*(cell(entry) for cell in columns.values()))
     return table
+
+
+def _span(counts: Sequence[int]) -> str:
+    low, high = min(counts), max(counts)
+    return str(low) if low == high else f"{low}–{high}"
 
 
 def _verdict(proof: Mapping[str, Any] | None) -> str:

@@ -14,7 +14,8 @@ from hide_tasks.contract import EpisodeResult, EpisodeSpec, Rules, Split
 from workers import policies
 from workers.engines.local import LocalEngine, Lost
 from workers.policy_process import LOAD_LIMIT
-from workers.run_folder import RECORDINGS, Results, RunFolder
+from workers.results import Results
+from workers.run_folder import RECORDINGS, RunFolder
 from workers.simulator import EpisodeJob, play_episode
 
 EPISODE_LIMIT = 600.0  # s of wall time for everything but the policy's answers

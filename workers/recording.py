@@ -143,7 +143,7 @@ class Recorder:
         self._observe(last, observation)
         verdict = _verdict(result)
         self._log(last, verdict, _level(bad=not result.exact))
-        self._summarise(last, f"{self._summary}\n\n**{verdict}**")
+        self._summarise(last, f"{self._summary} · **{verdict}**")
         self._stream.send_property("verdict", _values(_verdicts(result)))
         self._send()
         self._close()

@@ -58,11 +58,11 @@ def write_layout(path: Path) -> None:
 
 
 def layout() -> rrb.Blueprint:
-    """Scene, instruction and cameras above; states over time and the log below."""
-    above = rrb.Horizontal(_scene(), _seen(), column_shares=[3, 2])
-    below = rrb.Horizontal(_states(), _told(), column_shares=[3, 2])
+    """The scene above states over time; beside them the instruction, the cameras and the log."""
+    happened = rrb.Vertical(_scene(), _states(), row_shares=[3, 2])
+    told = rrb.Vertical(_summary(), _seen(), _log(), row_shares=[5, 14, 9])
     return rrb.Blueprint(
-        rrb.Vertical(above, below, row_shares=[3, 2]),
+        rrb.Horizontal(happened, told, column_shares=[3, 2]),
         rrb.BlueprintPanel(state="hidden"),
         rrb.SelectionPanel(state="hidden"),
         rrb.TimePanel(state="collapsed", timeline=TIME),
@@ -83,10 +83,12 @@ def _scene() -> rrb.Spatial3DView:
     )
 
 
-def _seen() -> rrb.Vertical:
-    pictures = rrb.Tabs(_pictures("rgb", "Cameras"), _pictures("depth", "Depth"), active_tab=0)
-    summary = rrb.TextDocumentView(origin=SUMMARY, name="Episode")
-    return rrb.Vertical(summary, pictures, row_shares=[2, 7])
+def _summary() -> rrb.TextDocumentView:
+    return rrb.TextDocumentView(origin=SUMMARY, name="Episode")
+
+
+def _seen() -> rrb.Tabs:
+    return rrb.Tabs(_pictures("rgb", "Cameras"), _pictures("depth", "Depth"), active_tab=0)
 
 
 def _pictures(kind: str, title: str) -> rrb.Grid:
@@ -104,10 +106,12 @@ def _states() -> rrb.StateTimelineView:
     return rrb.StateTimelineView(contents=folders, name="Hidden state, stage, checks")
 
 
-def _told() -> rrb.Tabs:
+def _log() -> rrb.Tabs:
     columns = rrb.TextLogColumns(text_log_columns=["loglevel", "body"])
     log = rrb.TextLogView(origin=LOG, name="Log", columns=columns)
-    return rrb.Tabs(log, rrb.TimeSeriesView(origin=SIGNALS, name="Signals"), active_tab=0)
+    steps = rr.SeriesLines(interpolation_mode=rr.components.InterpolationMode.StepAfter)
+    signals = rrb.TimeSeriesView(origin=SIGNALS, name="Signals", defaults=[steps])
+    return rrb.Tabs(log, signals, active_tab=0)
 
 
 class Moment(NamedTuple):

@@ -10,23 +10,19 @@ import fcntl
 import json
 import os
 from collections.abc import Iterable, Sequence
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Self
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import ValidationError
 
-from hide_tasks import ALL_TASKS
 from hide_tasks.contract import (
     Action,
     DecisionRecord,
     EpisodeResult,
     InvalidAction,
-    Rules,
-    Split,
     parse_action,
 )
-from workers.machine import fingerprint
+from workers.results import Results
 
 RESULTS = "results.json"
 DECISIONS = "decisions.jsonl"
@@ -37,72 +33,6 @@ PART = ".part"  # ends the name of a file that is still being written
 
 class FolderError(ValueError):
     """The folder cannot take this run; nothing in it was touched."""
-
-
-class Results(BaseModel):
-    """What `results.json` holds."""
-
-    model_config = ConfigDict(extra="ignore")
-
-    policy: str
-    suite: str
-    version: int
-    split: Split
-    rules: Rules
-    tasks: list[str]
-    budgets: dict[str, int]  # decisions an episode may take, per task
-    planned: dict[str, int]  # episodes asked for, per task: the first so many of the split
-    machine: dict[str, str] = {}
-    created: str = ""
-    episodes: list[EpisodeResult] = []
-
-    def same_run(self, other: "Results") -> str | None:
-        """Why episodes of these two may not stand in one file; None if they may."""
-        for field in ("policy", "suite", "version", "split", "rules"):
-            if getattr(self, field) != getattr(other, field):
-                return f"{field} {getattr(self, field)}, not {getattr(other, field)}"
-        for task in set(self.budgets) & set(other.budgets):
-            if self.budgets[task] != other.budgets[task]:
-                return f"a budget of {self.budgets[task]} for {task}, not {other.budgets[task]}"
-        return None
-
-    def dated(self) -> "Results":
-        """These results, begun now on this machine."""
-        now = datetime.now(UTC).isoformat("T", "seconds")
-        return self.model_copy(update={"machine": fingerprint(), "created": now})
-
-    def grown(self, wanted: "Results") -> "Results":
-        """These results with the tasks and episodes that another run wants as well."""
-        planned = {
-            task: max(self.planned.get(task, 0), wanted.planned.get(task, 0))
-            for task in in_order({*self.tasks, *wanted.tasks})
-        }
-        budgets = {task: (self.budgets | wanted.budgets)[task] for task in planned}
-        changes = {"tasks": list(planned), "planned": planned, "budgets": budgets}
-        return self.model_copy(update=changes)
-
-    def with_episode(self, result: EpisodeResult) -> "Results":
-        """These results and one more episode, in order."""
-        episodes = [*self.episodes, result]
-        place = {task: number for number, task in enumerate(self.tasks)}
-        episodes.sort(key=lambda episode: (place[episode.task], episode.index))
-        return self.model_copy(update={"episodes": episodes})
-
-    @property
-    def complete(self) -> bool:
-        """True when every episode that was asked for is there."""
-        return len(self.episodes) >= sum(self.planned.values())
-
-    @property
-    def finished(self) -> set[tuple[str, int]]:
-        """(task, index) of every episode."""
-        return {(episode.task, episode.index) for episode in self.episodes}
-
-
-def in_order(tasks: Iterable[str]) -> list[str]:
-    """Tasks in the order of the catalogue."""
-    place = {task: number for number, task in enumerate(ALL_TASKS)}
-    return sorted(tasks, key=lambda task: (place.get(task, len(place)), task))
 
 
 class RunFolder:

@@ -17,6 +17,7 @@ FloatArray = NDArray[np.float64]
 SIZE = 128  # pixels, width and height of the benchmark's images
 NEAR = 0.01  # m along the optical axis (RLBench)
 WRIST = "wrist"
+DECIMALS = 12  # kept of a camera's numbers, so that another machine's tangent changes nothing
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +78,7 @@ def wrist_camera(hand_to_world: FloatArray, width: int = SIZE, height: int = SIZ
 
     The image's x is the fingers' closing direction; the fingertips stand in its lower half.
     """
-    c, s = np.cos(_WRIST_TILT), np.sin(_WRIST_TILT)
+    c, s = round(np.cos(_WRIST_TILT), DECIMALS), round(np.sin(_WRIST_TILT), DECIMALS)
     camera_to_hand = np.eye(4)
     camera_to_hand[:3, 1] = (-c, 0.0, -s)
     camera_to_hand[:3, 2] = (-s, 0.0, c)
@@ -97,7 +98,7 @@ def intrinsics_for(name: str, width: int = SIZE, height: int = SIZE) -> FloatArr
     if name not in _LENSES:
         raise ValueError(f"No camera {name!r}. All: {', '.join(CAMERAS)}")
     half_angle = np.radians(_LENSES[name].field_of_view / 2.0)
-    focal = max(width, height) / 2.0 / np.tan(half_angle)
+    focal = round(max(width, height) / 2.0 / np.tan(half_angle), DECIMALS)
     return np.array([[focal, 0.0, width / 2.0], [0.0, focal, height / 2.0], [0.0, 0.0, 1.0]])
 
 
@@ -110,6 +111,6 @@ def looking(position: FloatArray, forward: FloatArray) -> FloatArray:
     right = np.cross(z, (0.0, 0.0, 1.0))
     right /= np.linalg.norm(right)
     pose = np.eye(4)
-    pose[:3, :3] = np.column_stack([right, np.cross(z, right), z])
+    pose[:3, :3] = np.round(np.column_stack([right, np.cross(z, right), z]), DECIMALS) + 0.0
     pose[:3, 3] = position
     return pose

@@ -93,7 +93,8 @@ def fill_frames(q: Array, frames: Array) -> None:
         frames[8, r, 1] = h * (x + y)
         frames[8, r, 2] = z
         frames[8, r, 3] = frames[7, r, 3] + _FLANGE * z
-        frames[9, r, :3] = frames[8, r, :3]
+        for k in range(3):
+            frames[9, r, k] = frames[8, r, k]
         frames[9, r, 3] = frames[8, r, 3] + _TIP * z
 
 
@@ -114,23 +115,22 @@ def fill_jacobian(frames: Array, jac: Array) -> None:
 
 
 @compiled
-def _fill_error(tip: Array, target: Array, error: Array) -> None:
-    """Write the twist (6,) that carries the tip into the target, linear above angular."""
+def _fill_error(tip: Array, target: Array, error: Array) -> float:
+    """Write the twist (6,) that carries the tip into the target; its largest part (m or rad)."""
+    trace, sine, most = 0.0, 0.0, 0.0
     for r in range(3):
-        error[r] = target[r, 3] - tip[r, 3]
         a, b = (r + 1) % 3, (r + 2) % 3
-        error[3 + r] = 0.0
+        error[r], error[3 + r] = target[r, 3] - tip[r, 3], 0.0
         for k in range(3):
             error[3 + r] += 0.5 * (tip[a, k] * target[b, k] - tip[b, k] * target[a, k])
-    sine = math.sqrt(error[3] ** 2 + error[4] ** 2 + error[5] ** 2)
-    trace = 0.0
-    for r in range(3):
-        for k in range(3):
             trace += tip[r, k] * target[r, k]
-    if sine > 1e-9:
-        scale = math.atan2(sine, 0.5 * (trace - 1.0)) / sine
-        for r in range(3, 6):
-            error[r] *= scale
+        sine += error[3 + r] ** 2
+    sine = math.sqrt(sine)
+    scale = math.atan2(sine, 0.5 * (trace - 1.0)) / sine if sine > 1e-9 else 1.0
+    for r in range(3):
+        error[3 + r] *= scale
+        most = max(most, abs(error[r]), abs(error[3 + r]))
+    return most
 
 
 @compiled
@@ -208,64 +208,77 @@ def _bend(frames: Array, jac: Array, n: Array, b: Array) -> float:
 
 
 @compiled
+def _null_direction(jac: Array, low: Array, n: Array, b: Array, aim: bool) -> None:
+    """Turn n (7,) into the unit vector along the curve, on the side where it points already."""
+    if aim:
+        _aim(jac, low, n, np.empty(7), b)
+    along = np.empty(7)
+    _project(jac, low, n, along, b)
+    size = 0.0
+    for k in range(7):
+        size += along[k] * along[k]
+    size = math.sqrt(max(size, 1e-20))
+    for k in range(7):
+        n[k] = along[k] / size
+
+
+@compiled
+def _newton(
+    frames: Array, jac: Array, low: Array, n: Array, dq: Array, pull: Array, weights: Array
+) -> float:
+    """How far along n the cost is least, after the step dq; pull is the cost's gradient."""
+    b, slope, flat = np.empty(6), 0.0, 0.0
+    for r in range(6):
+        b[r] = 0.0
+        for k in range(7):
+            b[r] += jac[r, k] * pull[k]
+    _divide(low, b)
+    for k in range(7):
+        slope += n[k] * (pull[k] + weights[k] * dq[k])
+        flat += n[k] * weights[k] * n[k]
+    curve = flat - _bend(frames, jac, n, b)
+    return -slope / (curve if curve > 0.01 * flat else flat)
+
+
+@compiled
+def _room(q: Array, dq: Array, n: Array) -> tuple[float, float]:
+    """Between which steps along n the joints stay within their limits; reversed when at none."""
+    first, last = -10.0, 10.0
+    for k in range(7):
+        if abs(n[k]) > 1e-9:
+            one, two = (LOWER[k] - q[k] - dq[k]) / n[k], (UPPER[k] - q[k] - dq[k]) / n[k]
+            first, last = max(first, min(one, two)), min(last, max(one, two))
+    return first, last
+
+
+@compiled
 def descend(target: Array, q: Array, nominal: Array, weights: Array) -> bool:
     """Carry q to the nearest posture of the target (4, 4) that is locally closest to nominal.
 
     Newton's method on the curve of postures: the step along the curve uses its bend, the step
     across it the Jacobian; joints stop at their limits. False when it does not converge.
     """
-    frames = np.empty((FRAMES, 4, 4))
-    jac = np.empty((6, 7))
-    low = np.empty((6, 6))
+    frames, jac, low = np.empty((FRAMES, 4, 4)), np.empty((6, 7)), np.empty((6, 6))
     error, b = np.empty(6), np.empty(6)
-    dq, n, pull, seed = np.empty(7), np.empty(7), np.empty(7), np.zeros(7)
+    dq, n, pull = np.empty(7), np.empty(7), np.empty(7)
     stuck, trust = 0, _STEP
     for step in range(_ITERATIONS):
         fill_frames(q, frames)
         fill_jacobian(frames, jac)
-        _fill_error(frames[TIP], target, error)
-        off = 0.0
-        for r in range(6):
-            off = max(off, abs(error[r]))
+        off = _fill_error(frames[TIP], target, error)
         trust = 0.5 * trust if off > _OFF and step > 0 else min(2.0 * trust, _STEP)
         _factor(jac, low)
         _divide(low, error)
-        if step == 0:
-            _aim(jac, low, seed, n, b)
-        _project(jac, low, seed, n, b)
-        size = 0.0
+        _null_direction(jac, low, n, b, step == 0)
         for k in range(7):
-            size += n[k] * n[k]
-        size = math.sqrt(max(size, 1e-20))
-        for k in range(7):
-            n[k] /= size
-            seed[k] = n[k]
             dq[k] = 0.0
             for r in range(6):
                 dq[k] += jac[r, k] * error[r]
             pull[k] = weights[k] * (q[k] - nominal[k])
-        slope = curve = 0.0
-        for r in range(6):
-            b[r] = 0.0
-            for k in range(7):
-                b[r] += jac[r, k] * pull[k]
-        _divide(low, b)
-        for k in range(7):
-            slope += n[k] * (pull[k] + weights[k] * dq[k])
-            curve += n[k] * weights[k] * n[k]
-        flat = curve
-        curve -= _bend(frames, jac, n, b)
-        along = -slope / (curve if curve > 0.01 * flat else flat)
-        first, last = -10.0, 10.0
-        for k in range(7):
-            if abs(n[k]) > 1e-9:
-                one = (LOWER[k] - q[k] - dq[k]) / n[k]
-                two = (UPPER[k] - q[k] - dq[k]) / n[k]
-                first, last = max(first, min(one, two)), min(last, max(one, two))
-        along = min(max(along, first), last)
+        first, last = _room(q, dq, n)
         stuck += first > last
-        along = min(max(along, -trust), trust)
-        longest = 0.0
+        along = min(max(_newton(frames, jac, low, n, dq, pull, weights), first), last)
+        along, longest = min(max(along, -trust), trust), 0.0
         for k in range(7):
             dq[k] += along * n[k]
             longest = max(longest, abs(dq[k]))
@@ -297,13 +310,12 @@ def cost(q: Array) -> float:
 
 
 @compiled
-def _unwind(x: Array, y: Array, z: Array, angle: float, turn: int) -> None:
+def _unwind(x: Array, y: Array, z: Array, angle: float, turn: float) -> None:
     """Undo Rz(angle), then a quarter turn about x, on a frame given by its axes."""
     c, s = math.cos(angle), math.sin(angle)
     for r in range(3):
-        a, b, d = c * x[r] - s * y[r], s * x[r] + c * y[r], z[r]
-        x[r] = a
-        y[r], z[r] = (-d, b) if turn > 0 else (d, -b)
+        x[r], b, d = c * x[r] - s * y[r], s * x[r] + c * y[r], z[r]
+        y[r], z[r] = -turn * d, turn * b
 
 
 @compiled
@@ -355,10 +367,11 @@ def postures_at(target: Array, q7: float, out: Array) -> None:
         q6 -= 2.0 * math.pi * math.floor((q6 - 1.8675) / (2.0 * math.pi) + 0.5)
         if q6 < LOWER[5] - _SLACK or q6 > UPPER[5] + _SLACK:
             continue
-        x3[:], y3[:], z3[:] = x6, y6, z6
-        _unwind(x3, y3, z3, q6, 1)
-        _unwind(x3, y3, z3, q5, -1)
-        _unwind(x3, y3, z3, q4, 1)
+        for r in range(3):
+            x3[r], y3[r], z3[r] = x6[r], y6[r], z6[r]
+        _unwind(x3, y3, z3, q6, 1.0)
+        _unwind(x3, y3, z3, q5, -1.0)
+        _unwind(x3, y3, z3, q4, 1.0)
         for flip in range(2):
             sign = 1.0 - 2.0 * flip
             one = out[2 * row + flip]
@@ -396,30 +409,30 @@ def optima(target: Array, found: Array) -> int:
     At the edge of the reach the curve of postures shrinks to a point and Newton's method may
     not settle; then a much finer grid is searched and its best exact sample stands in.
     """
-    count = _search(target, found, _GRID, False)
-    return count if count > 0 else _search(target, found, _FINE_GRID, True)
+    count = _search(target, found, np.empty((_GRID, 8, 7)))
+    return count if count > 0 else _search(target, found, np.empty((_FINE_GRID, 8, 7)))
 
 
 @compiled
-def _search(target: Array, found: Array, grid: int, last_resort: bool) -> int:
-    postures, costs = np.empty((grid, 8, 7)), np.empty((grid, 8))
+def _search(target: Array, found: Array, postures: Array) -> int:
+    grid = len(postures)
+    costs, ranks = np.empty((grid, 8)), np.empty(len(found))
     scan(target, postures, costs)
-    ranks = np.empty(len(found))
-    count = 0
-    for k in range(grid):
-        for row in range(8):
-            here = costs[k, row]
-            low = (k == 0 or here <= costs[k - 1, row]) and (
-                k == grid - 1 or here < costs[k + 1, row]
-            )
-            q = postures[k, row].copy()
-            if here < math.inf and low and descend(target, q, HOME, WEIGHTS):
-                count = _insert(q, found, ranks, count)
-    if count == 0 and last_resort:
-        cheapest = int(np.argmin(costs))
-        best = postures[cheapest // 8, cheapest % 8]
-        if np.min(costs) < math.inf and reaches(target, best) and _inside(best):
-            count = _insert(best, found, ranks, 0)
+    q, nominal, weights = np.empty(7), HOME.copy(), WEIGHTS.copy()
+    count = cheapest = 0
+    for i in range(8 * grid):
+        k, row = i // 8, i % 8
+        here = costs[k, row]
+        cheapest = i if here < costs[cheapest // 8, cheapest % 8] else cheapest
+        if (k > 0 and here > costs[k - 1, row]) or (k < grid - 1 and here >= costs[k + 1, row]):
+            continue
+        for j in range(7):
+            q[j] = postures[k, row, j]
+        if here < math.inf and descend(target, q, nominal, weights):
+            count = _insert(q, found, ranks, count)
+    best = postures[cheapest // 8, cheapest % 8]
+    if count == 0 and grid == _FINE_GRID and reaches(target, best) and _inside(best):
+        count = _insert(best, found, ranks, count)
     return count
 
 
@@ -428,8 +441,7 @@ def reaches(target: Array, q: Array) -> bool:
     """True when the joints bring the tip to the target within a micrometre and microradian."""
     frames, error = np.empty((FRAMES, 4, 4)), np.empty(6)
     fill_frames(q, frames)
-    _fill_error(frames[TIP], target, error)
-    return bool(np.max(np.abs(error)) < 1e-6)
+    return not math.isnan(q[0]) and _fill_error(frames[TIP], target, error) < 1e-6
 
 
 @compiled
@@ -477,8 +489,8 @@ def fill_matrix(pose: Array, matrix: Array) -> bool:
         k * (y * z + x * w),
         1 - k * (x * x + y * y),
     )
-    matrix[:3, 3] = pose[:3]
-    matrix[3, :3] = 0.0
+    for r in range(3):
+        matrix[r, 3], matrix[3, r] = pose[r], 0.0
     matrix[3, 3] = 1.0
     return True
 

@@ -52,9 +52,8 @@ def main() -> None:
         visual = link.find("visual")
         if visual is not None:
             name = link.attrib["name"]
-            arrays |= {
-                f"{name}/{key}": value for key, value in _packed(_link(name, visual)).items()
-            }
+            packed = _packed(_link(name, visual))
+            arrays |= {f"{name}/{key}": value for key, value in packed.items()}
     np.savez_compressed(PANDA_FILE, **arrays)  # type: ignore[arg-type]
     shutil.copyfile(SOURCE / "LICENSE.txt", LICENSE)
 
@@ -71,7 +70,7 @@ def _link(name: str, visual: ElementTree.Element) -> Mesh:
     offsets = np.cumsum([0] + [len(part.vertices) for part in parts[:-1]])
     vertices = np.concatenate([part.vertices for part in parts])
     faces = [part.faces + start for part, start in zip(parts, offsets, strict=True)]
-    colors = [np.tile(np.uint8(part.color), (len(part.faces), 1)) for part in parts]
+    colors = [np.tile(np.array(part.color, dtype=np.uint8), (len(part.faces), 1)) for part in parts]
     turned = _rotation(visual.find("origin"))
     return shaded(vertices @ turned.T, np.concatenate(faces), np.concatenate(colors))
 

@@ -119,12 +119,13 @@ def merge(parts: Iterable[tuple[Mesh, FloatArray, Rgb | None]]) -> Mesh:
     """
     parts = list(parts)
     offsets = np.cumsum([0] + [len(mesh.vertices) for mesh, _, _ in parts[:-1]])
+    points = [m.vertices @ pose[:3, :3].T + pose[:3, 3] for m, pose, _ in parts]
+    normals = [m.normals @ pose[:3, :3].T for m, pose, _ in parts]
+    faces = [m.faces + start for (m, _, _), start in zip(parts, offsets, strict=True)]
     return Mesh(
-        np.concatenate([m.vertices @ pose[:3, :3].T + pose[:3, 3] for m, pose, _ in parts]),
-        np.concatenate([m.normals @ pose[:3, :3].T for m, pose, _ in parts]),
-        np.concatenate(
-            [m.faces + start for (m, _, _), start in zip(parts, offsets, strict=True)]
-        ).astype(np.int32),
+        np.round(np.concatenate(points), 9) + 0.0,
+        np.round(np.concatenate(normals), 6) + 0.0,
+        np.concatenate(faces).astype(np.int32),
         np.concatenate([_face_colors(mesh, rgb) for mesh, _, rgb in parts]),
     )
 
@@ -219,7 +220,8 @@ def _box_bevels(signs: IntArray) -> list[list[int]]:
     for a, b in ((0, 1), (1, 2), (0, 2)):
         for sign_a in (-1, 1):
             for sign_b in (-1, 1):
-                low, high = np.flatnonzero((signs[:, a] == sign_a) & (signs[:, b] == sign_b))
+                ends = np.flatnonzero((signs[:, a] == sign_a) & (signs[:, b] == sign_b))
+                low, high = map(int, ends)
                 bevels.append([3 * low + a, 3 * high + a, 3 * high + b, 3 * low + b])
     return bevels
 
@@ -242,7 +244,8 @@ def _face_colors(mesh: Mesh, rgb: Rgb | None) -> ByteArray:
 
 
 def _unit(vectors: FloatArray) -> FloatArray:
-    return vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-300)
+    lengths: FloatArray = np.linalg.norm(vectors, axis=-1, keepdims=True)
+    return vectors / np.maximum(lengths, 1e-300)
 
 
 def _require(condition: bool, message: str) -> None:

@@ -130,7 +130,7 @@ def _checked(start: Array, goal: Array, scene: _Scene, seed: int) -> Plan | Plan
     direct = np.stack([start, goal])
     if path_is_free(direct, scene):
         return Plan(dense(direct), PathKind.JOINT)
-    found = np.empty((2 * _SAMPLES, 7))
+    found = np.empty((2 * (_SAMPLES + _SHORTCUTS), 7))
     count = search(start, goal, scene, np.uint64(seed), found)
     return Plan(dense(found[:count]), PathKind.RRT) if count else PlanFailure.NO_PATH
 
@@ -214,15 +214,19 @@ def _rotation_between(a: Array, b: Array) -> Array:
     sine = math.sqrt(w[0] ** 2 + w[1] ** 2 + w[2] ** 2)
     angle = math.atan2(sine, turn[0, 0] + turn[1, 1] + turn[2, 2] - 1.0)
     if sine > 1e-7:
-        return w * (angle / sine)
+        for r in range(3):
+            w[r] *= angle / sine
+        return w
     # No turn, or half a turn about the axis with the largest diagonal element.
     i = 0
     for k in range(1, 3):
         i = k if turn[k, k] > turn[i, i] else i
-    axis = turn[:, i].copy()
-    axis[i] += 1.0
-    size = math.sqrt(axis[0] ** 2 + axis[1] ** 2 + axis[2] ** 2)
-    return axis * (angle / max(size, 1e-12))
+    for r in range(3):
+        w[r] = turn[r, i] + (1.0 if r == i else 0.0)
+    size = math.sqrt(w[0] ** 2 + w[1] ** 2 + w[2] ** 2)
+    for r in range(3):
+        w[r] *= angle / max(size, 1e-12)
+    return w
 
 
 @compiled
@@ -230,8 +234,9 @@ def _between(a: Array, b: Array, turn: Array, part: float, out: Array) -> None:
     """Write the transform a part of the way from a to b, whose rotation vector is turn."""
     angle = math.sqrt(turn[0] ** 2 + turn[1] ** 2 + turn[2] ** 2)
     c, s = math.cos(part * angle), math.sin(part * angle)
-    u = turn / max(angle, 1e-12)
-    spin = np.empty((3, 3))
+    spin, u = np.empty((3, 3)), np.empty(3)
+    for i in range(3):
+        u[i] = turn[i] / max(angle, 1e-12)
     for i in range(3):
         for j in range(3):
             spin[i, j] = (1.0 - c) * u[i] * u[j] + (c if i == j else 0.0)
@@ -280,7 +285,8 @@ def follow_line(start: Array, goal: Array, path: Array) -> bool:
     turn = _rotation_between(a, b)
     target, weights = np.empty((4, 4)), np.ones(7)
     last = len(path) - 1
-    path[0], path[last] = start, goal
+    _copy(start, path[0])
+    _copy(goal, path[last])
     q, nominal = start.copy(), np.empty(7)
     for i in range(1, last):
         part = i / last
@@ -289,7 +295,7 @@ def follow_line(start: Array, goal: Array, path: Array) -> bool:
             nominal[k] = start[k] + part * (goal[k] - start[k])
         if not descend(target, q, nominal, weights):
             return False
-        path[i] = q
+        _copy(q, path[i])
         if _change(path[i - 1], path[i]) > _JUMP:
             return False
     return _change(path[last - 1], path[last]) <= _JUMP
@@ -382,12 +388,13 @@ def _step_towards(a: Array, b: Array, out: Array) -> bool:
 @compiled
 def search(start: Array, goal: Array, scene: _Scene, seed: np.uint64, path: Array) -> int:
     """RRT-Connect (Kuffner and LaValle 2000): write the corners of a path, count them; 0: none."""
-    size = len(path) // 2
+    size = len(path) // 2 - _SHORTCUTS
     state = np.array([seed], dtype=np.uint64)
     trees, parents = np.empty((2, size, 7)), np.empty((2, size), dtype=np.int64)
     counts = np.ones(2, dtype=np.int64)
-    trees[0, 0], trees[1, 0] = start, goal
-    parents[:, 0] = -1
+    _copy(start, trees[0, 0])
+    _copy(goal, trees[1, 0])
+    parents[0, 0] = parents[1, 0] = -1
     target, new = np.empty(7), np.empty(7)
     for turn in range(_SAMPLES):
         one, other = turn % 2, 1 - turn % 2
@@ -410,7 +417,7 @@ def search(start: Array, goal: Array, scene: _Scene, seed: np.uint64, path: Arra
 
 @compiled
 def _grow(tree: Array, parent: Counts, counts: Counts, which: int, near: int, q: Array) -> None:
-    tree[counts[which]] = q
+    _copy(q, tree[counts[which]])
     parent[counts[which]] = near
     counts[which] += 1
 
@@ -441,11 +448,11 @@ def _join(trees: Array, parents: Counts, first: int, second: int, path: Array) -
         node = parents[0, node]
     node = first
     for i in range(length):
-        path[length - 1 - i] = trees[0, node]
+        _copy(trees[0, node], path[length - 1 - i])
         node = parents[0, node]
     node = parents[1, second]
     while node >= 0:
-        path[length] = trees[1, node]
+        _copy(trees[1, node], path[length])
         length += 1
         node = parents[1, node]
     return length
@@ -454,28 +461,37 @@ def _join(trees: Array, parents: Counts, first: int, second: int, path: Array) -
 @compiled
 def _shorten(path: Array, length: int, scene: _Scene, state: State) -> int:
     """Cut corners between random points of the path; its new number of points."""
-    a, b = np.empty(7), np.empty(7)
+    a, b, after = np.empty(7), np.empty(7), np.empty(path.shape)
     for _ in range(_SHORTCUTS):
-        if length < 3:
-            break
         x, y = _draw(state) * (length - 1), _draw(state) * (length - 1)
         x, y = min(x, y), max(x, y)
         i, j = int(x), int(y)
-        if i == j:
+        _along(path, x, a)
+        _along(path, y, b)
+        if i == j or not edge_is_free(a, b, scene):
             continue
-        for k in range(7):
-            a[k] = path[i, k] + (x - i) * (path[i + 1, k] - path[i, k])
-            b[k] = path[j, k] + (y - j) * (path[j + 1, k] - path[j, k])
-        if not edge_is_free(a, b, scene):
-            continue
-        # The corners i + 1 to j give way to a and b.
-        if j == i + 1:
-            path[j + 2 : length + 1] = path[j + 1 : length].copy()
-        else:
-            path[i + 3 : i + 3 + length - j - 1] = path[j + 1 : length].copy()
-        path[i + 1], path[i + 2] = a, b
+        for n in range(j + 1, length):
+            _copy(path[n], after[n])
+        _copy(a, path[i + 1])
+        _copy(b, path[i + 2])
+        for n in range(j + 1, length):
+            _copy(after[n], path[n + i + 2 - j])
         length += i + 2 - j
     return length
+
+
+@compiled
+def _along(path: Array, where: float, out: Array) -> None:
+    """Write the point between two corners of a path."""
+    i = int(where)
+    for k in range(7):
+        out[k] = path[i, k] + (where - i) * (path[i + 1, k] - path[i, k])
+
+
+@compiled
+def _copy(source: Array, out: Array) -> None:
+    for k in range(7):
+        out[k] = source[k]
 
 
 # --- dense paths ---
@@ -485,9 +501,11 @@ def _shorten(path: Array, length: int, scene: _Scene, state: State) -> int:
 def _steps(a: Array, b: Array) -> int:
     """How many equal steps an edge needs: as many as its fastest part."""
     count = max(1, math.ceil(_change(a, b) / JOINT_STEP - 1e-9))
-    before, longest = _tip(a), 0.0
+    before, longest, q = _tip(a), 0.0, np.empty(7)
     for i in range(count):
-        after = _tip(a + (b - a) * ((i + 1) / count))
+        for k in range(7):
+            q[k] = a[k] + (b[k] - a[k]) * ((i + 1) / count)
+        after = _tip(q)
         square = 0.0
         for k in range(3):
             square += (after[k, 3] - before[k, 3]) ** 2
@@ -504,4 +522,4 @@ def fill_dense(path: Array, counts: Array, out: Array) -> None:
             for k in range(7):
                 out[n, k] = path[i, k] + j / counts[i] * (path[i + 1, k] - path[i, k])
             n += 1
-    out[n] = path[len(path) - 1]
+    _copy(path[len(path) - 1], out[n])

@@ -2,7 +2,7 @@
 
 PyBullet's own renderers are 10 to 30 times slower and off by half a pixel. The kernels run in
 one thread and without fast-math, and use only operations that IEEE 754 rounds exactly, so that
-equal scenes give equal bits in every process and on every machine.
+equal meshes, poses and cameras give equal bits in every process and on every machine.
 
 Triangles are drawn with homogeneous edge functions (Olano and Greer 1997): the edges of a face
 are planes through the camera, so that nothing needs clipping and 1/depth is affine in the pixel.
@@ -11,7 +11,7 @@ Colour comes afterwards, once a pixel.
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,8 @@ from hide_tasks.bullet.cameras import Camera, looking
 from hide_tasks.bullet.meshes import BoolArray, ByteArray, FloatArray, IntArray, Mesh
 from hide_tasks.bullet.raster_draw import Frame, Placed, Shapes, draw, place
 from hide_tasks.bullet.raster_shade import LIGHTS, Lighting, ShadowMap, shade
+
+Kind = TypeVar("Kind", bound=np.generic)
 
 NO_INSTANCE = -1  # id of the background
 
@@ -36,7 +38,7 @@ class Images(NamedTuple):
 
 
 class Renderer:
-    """Draws a fixed set of instances at ever new poses."""
+    """Draws a fixed set of instances at ever new poses; one thread at a time."""
 
     def __init__(
         self,
@@ -80,9 +82,11 @@ class Renderer:
         """
         count = len(self.colors)
         tints = self.colors if colors is None else _checked_colors(colors, count)
-        shown = _checked("visible", np.ones(count, bool) if visible is None else visible, (count,))
+        shown = np.ones(count, dtype=np.bool_) if visible is None else visible
+        shown = _checked("visible", np.asarray(shown, dtype=np.bool_), (count,))
         placed = self._scratch.placed
-        place(self._shapes, _checked("poses", poses, (count, 4, 4)).astype(np.float64), placed)
+        poses = _checked("poses", np.asarray(poses, dtype=np.float64), (count, 4, 4))
+        place(self._shapes, poses, placed)
         if self._has_shadows:
             self._cast_shadows(shown)
         images = _empty_images(cameras)
@@ -199,10 +203,10 @@ def _bounding_sphere(vertices: FloatArray) -> tuple[float, float, float, float]:
 
 def _pinhole_view(camera: Camera) -> FloatArray:
     """World points to (wx, wy, w, 1), see raster_draw."""
-    rotation, position = camera.camera_to_world[:3, :3], camera.camera_to_world[:3, 3]
+    rotation, position = camera.camera_to_world[:3, :3], camera.camera_to_world[:3, 3:]
     view = np.zeros((4, 4))
-    view[:3, :3] = camera.intrinsics @ rotation.T
-    view[:3, 3] = -view[:3, :3] @ position
+    view[:3, :3] = _product(camera.intrinsics, rotation.T)
+    view[:3, 3:] = -_product(view[:3, :3], position)
     view[3, 3] = 1.0
     return view
 
@@ -210,7 +214,10 @@ def _pinhole_view(camera: Camera) -> FloatArray:
 def _rays(camera: Camera) -> FloatArray:
     """Image points (x, y, 1) to directions of depth 1, and the camera's position: (3, 4)."""
     rotation, position = camera.camera_to_world[:3, :3], camera.camera_to_world[:3, 3]
-    return np.column_stack([rotation @ np.linalg.inv(camera.intrinsics), position])
+    (fx, skew, cx), (_, fy, cy), _ = camera.intrinsics
+    across = [1.0 / fx, -skew / (fx * fy), (skew * cy / fy - cx) / fx]
+    inverse = np.array([across, [0.0, 1.0 / fy, -cy / fy], [0.0, 0.0, 1.0]])
+    return np.column_stack([_product(rotation, inverse), position])
 
 
 def _shadow_map(to_sun: FloatArray, pixels: int) -> ShadowMap:
@@ -218,14 +225,21 @@ def _shadow_map(to_sun: FloatArray, pixels: int) -> ShadowMap:
     pose = looking(SHADOW_CENTRE, -to_sun)
     view = np.zeros((4, 4))
     view[:2, :3] = pixels / 2.0 / SHADOW_RADIUS * pose[:3, :2].T
-    view[:2, 3] = pixels / 2.0 - view[:2, :3] @ SHADOW_CENTRE
+    view[:2, 3:] = pixels / 2.0 - _product(view[:2, :3], SHADOW_CENTRE[:, None])
     view[2, 3] = 1.0
     view[3, :3] = to_sun
     return ShadowMap(view, np.full((pixels, pixels), -np.inf))
 
 
+def _product(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Matrix product, rounded alike everywhere, as that of a machine's own BLAS is not."""
+    product: FloatArray = (a[:, :, None] * b[None, :, :]).sum(axis=1)
+    return product
+
+
 def _normalised(lighting: Lighting) -> Lighting:
-    return lighting._replace(to_sun=lighting.to_sun / np.linalg.norm(lighting.to_sun))
+    to_sun = lighting.to_sun / np.sqrt((lighting.to_sun**2).sum())
+    return lighting._replace(to_sun=to_sun)
 
 
 def _enlarged(camera: Camera, factor: int) -> Camera:
@@ -237,7 +251,8 @@ def _enlarged(camera: Camera, factor: int) -> Camera:
 def _averaged(picture: ByteArray, factor: int) -> ByteArray:
     height, width = picture.shape[0] // factor, picture.shape[1] // factor
     blocks = picture.reshape(height, factor, width, factor, 3)
-    return np.round(blocks.mean(axis=(1, 3))).astype(np.uint8)
+    means: FloatArray = blocks.mean(axis=(1, 3))
+    return np.round(means).astype(np.uint8)
 
 
 def _empty_images(cameras: Sequence[Camera]) -> Images:
@@ -255,10 +270,10 @@ def _empty_images(cameras: Sequence[Camera]) -> Images:
 def _checked_colors(colors: ByteArray | None, count: int) -> ByteArray:
     if colors is None:
         return np.full((count, 3), 255, dtype=np.uint8)
-    return _checked("colors", np.asarray(colors), (count, 3)).astype(np.uint8)
+    return _checked("colors", np.asarray(colors, dtype=np.uint8), (count, 3))
 
 
-def _checked(name: str, array: NDArray[Any], shape: tuple[int, ...]) -> NDArray[Any]:
+def _checked(name: str, array: NDArray[Kind], shape: tuple[int, ...]) -> NDArray[Kind]:
     if array.shape != shape:
         raise ValueError(f"{name} of shape {array.shape}: want {shape}, one row per instance")
     return np.ascontiguousarray(array)

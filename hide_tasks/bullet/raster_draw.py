@@ -15,6 +15,7 @@ from hide_tasks.bullet.meshes import BoolArray, ByteArray, FloatArray, IntArray
 
 P = ParamSpec("P")
 R = TypeVar("R")
+Corners = tuple[np.uintp, np.uintp, np.uintp]  # rows of `corners`; unsigned indices are faster
 
 SLACK = 1e-7  # pixels: the edges decide what a face covers, not rounded image points
 WIDE = 8  # pixels: in wider rectangles the rows of a face are looked for before they are tested
@@ -121,22 +122,19 @@ def draw(
             _project(placed.points, first, last, view, near, width, height, corners, pixels)
             for t in range(first_face[i], first_face[i + 1]):
                 a, b, c = np.uintp(faces[t, 0]), np.uintp(faces[t, 1]), np.uintp(faces[t, 2])
-                left, right, top, bottom = _rectangle(pixels, a, b, c)
+                left, right = _span(pixels, 0, a, b, c)
+                if left >= right:
+                    continue
+                top, bottom = _span(pixels, 2, a, b, c)
+                if top >= bottom:
+                    continue
                 if left < 0:
                     left, right, top, bottom = _clipped(corners, (a, b, c), near, width, height)
-                elif left < right and top < bottom and _looks_away(corners, a, b, c):
+                elif _looks_away(corners, a, b, c):
                     continue
-                if left < right and top < bottom:
-                    drawn[t] = _fill(
-                        corners,
-                        (a, b, c),
-                        (left, right, top, bottom),
-                        nearest,
-                        np.uintp(t),
-                        closeness,
-                        face,
-                        weights,
-                    )
+                box = (left, right, top, bottom)
+                face_t = np.uintp(t)
+                drawn[t] = _fill(corners, (a, b, c), box, nearest, face_t, closeness, face, weights)
 
 
 @kernel
@@ -182,37 +180,35 @@ def _project(
 ) -> None:
     """Writes the view's four values of each point and its image point.
 
-    Writes also the first pixel that a face to the right of the point may cover, the first it
-    may no longer cover to its left, and the same downward; -1 behind `near`.
+    Writes also the first column that a face to the right of the point may cover, the first that
+    one to its left may not, and the same for rows; the whole picture, from -1, behind `near`.
     """
     for v in range(first, last):
         x, y, z = points[v, 0], points[v, 1], points[v, 2]
         for k in range(4):
             corners[v, k] = view[k, 0] * x + view[k, 1] * y + view[k, 2] * z + view[k, 3]
-        pixels[v, 0] = -1
+        pixels[v, 0], pixels[v, 1], pixels[v, 2], pixels[v, 3] = -1, width, 0, height
         if corners[v, 2] >= near:
             inverse = 1.0 / corners[v, 2]
-            u, v_ = corners[v, 0] * inverse, corners[v, 1] * inverse
-            corners[v, 4], corners[v, 5] = u, v_
-            pixels[v, 0] = int(min(max(u + (0.5 - SLACK), 0.0), float(width)))
-            pixels[v, 1] = int(min(max(u + (0.5 + SLACK), 0.0), float(width)))
-            pixels[v, 2] = int(min(max(v_ + (0.5 - SLACK), 0.0), float(height)))
-            pixels[v, 3] = int(min(max(v_ + (0.5 + SLACK), 0.0), float(height)))
+            column, row = corners[v, 0] * inverse, corners[v, 1] * inverse
+            corners[v, 4], corners[v, 5] = column, row
+            pixels[v, 0] = int(min(max(column + (0.5 - SLACK), 0.0), float(width)))
+            pixels[v, 1] = int(min(max(column + (0.5 + SLACK), 0.0), float(width)))
+            pixels[v, 2] = int(min(max(row + (0.5 - SLACK), 0.0), float(height)))
+            pixels[v, 3] = int(min(max(row + (0.5 + SLACK), 0.0), float(height)))
 
 
 @inlined
-def _rectangle(pixels: IntArray, a: int, b: int, c: int) -> tuple[int, int, int, int]:
-    """Columns left..right and rows top..bottom that a face may cover; left < 0 behind `near`."""
+def _span(pixels: IntArray, axis: int, a: np.uintp, b: np.uintp, c: np.uintp) -> tuple[int, int]:
+    """Columns (axis 0) or rows (2) that a face may cover, from..to; from -1 if behind `near`."""
     return (
-        min(pixels[a, 0], min(pixels[b, 0], pixels[c, 0])),
-        max(pixels[a, 1], max(pixels[b, 1], pixels[c, 1])),
-        min(pixels[a, 2], min(pixels[b, 2], pixels[c, 2])),
-        max(pixels[a, 3], max(pixels[b, 3], pixels[c, 3])),
+        min(pixels[a, axis], min(pixels[b, axis], pixels[c, axis])),
+        max(pixels[a, axis + 1], max(pixels[b, axis + 1], pixels[c, axis + 1])),
     )
 
 
 @inlined
-def _looks_away(corners: FloatArray, a: int, b: int, c: int) -> bool:
+def _looks_away(corners: FloatArray, a: np.uintp, b: np.uintp, c: np.uintp) -> bool:
     """Whether the image of a face in front of `near` is clockwise."""
     ux, uy = corners[b, 4] - corners[a, 4], corners[b, 5] - corners[a, 5]
     vx, vy = corners[c, 4] - corners[a, 4], corners[c, 5] - corners[a, 5]
@@ -221,9 +217,9 @@ def _looks_away(corners: FloatArray, a: int, b: int, c: int) -> bool:
 
 @kernel
 def _clipped(
-    corners: FloatArray, face: tuple[int, int, int], near: float, width: int, height: int
+    corners: FloatArray, face: Corners, near: float, width: int, height: int
 ) -> tuple[int, int, int, int]:
-    """What _rectangle gives, for the part of a face in front of `near`."""
+    """Columns and rows that the part of a face in front of `near` may cover."""
     left, right, top, bottom = np.inf, -np.inf, np.inf, -np.inf
     for k in range(3):
         p, q = face[k], face[(k + 1) % 3]
@@ -247,7 +243,7 @@ def _clipped(
 
 
 @inlined
-def _edge(corners: FloatArray, p: int, q: int) -> tuple[float, float, float]:
+def _edge(corners: FloatArray, p: np.uintp, q: np.uintp) -> tuple[float, float, float]:
     """Coefficients of the triple product of two corners and the image point (x, y, 1).
 
     It is zero on the edge. Swapped corners give the exact negative, so that of two faces which
@@ -261,10 +257,10 @@ def _edge(corners: FloatArray, p: int, q: int) -> tuple[float, float, float]:
 @inlined
 def _fill(
     corners: FloatArray,
-    face: tuple[int, int, int],
+    face: Corners,
     rectangle: tuple[int, int, int, int],
     nearest: float,
-    t: int,
+    t: np.uintp,
     closeness: FloatArray,
     shown: IntArray,
     weights: FloatArray,

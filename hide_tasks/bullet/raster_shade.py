@@ -26,10 +26,8 @@ class Lighting(NamedTuple):
     ground: float = 0.32  # and on one that looks down
     shadow: float = 0.78  # part of the sun that a full shadow takes away
     shine: float = 0.10  # of a highlight
-    wall: FloatArray = np.array(
-        [228.0, 231.0, 234.0]
-    )  # background, bytes, of a level or upward view
-    floor: FloatArray = np.array([165.0, 163.0, 161.0])  # and of one straight down
+    wall: FloatArray = np.array([228.0, 231.0, 234.0])  # bytes; where the view goes level or up
+    floor: FloatArray = np.array([165.0, 163.0, 161.0])  # and where it goes straight down
 
 
 class ShadowMap(NamedTuple):
@@ -141,11 +139,8 @@ def _light_faces(
         for corner in range(3):
             v = shapes.faces[t, corner]
             nx, ny, nz = normals[v, 0], normals[v, 1], normals[v, 2]
-            ex, ey, ez = (
-                rays[0, 3] - points[v, 0],
-                rays[1, 3] - points[v, 1],
-                rays[2, 3] - points[v, 2],
-            )
+            ex, ey = rays[0, 3] - points[v, 0], rays[1, 3] - points[v, 1]
+            ez = rays[2, 3] - points[v, 2]
             distance = np.sqrt(ex * ex + ey * ey + ez * ez)
             hx, hy, hz = lx + ex / distance, ly + ey / distance, lz + ez / distance
             mirror = (nx * hx + ny * hy + nz * hz) / np.sqrt(hx * hx + hy * hy + hz * hz)
@@ -170,16 +165,9 @@ def _light_faces(
 def _face_normal(points: FloatArray, faces: IntArray, t: int) -> tuple[float, float, float]:
     """Unit normal of a face."""
     a, b, c = faces[t, 0], faces[t, 1], faces[t, 2]
-    ux, uy, uz = (
-        points[b, 0] - points[a, 0],
-        points[b, 1] - points[a, 1],
-        points[b, 2] - points[a, 2],
-    )
-    vx, vy, vz = (
-        points[c, 0] - points[a, 0],
-        points[c, 1] - points[a, 1],
-        points[c, 2] - points[a, 2],
-    )
+    ux, uy = points[b, 0] - points[a, 0], points[b, 1] - points[a, 1]
+    vx, vy = points[c, 0] - points[a, 0], points[c, 1] - points[a, 1]
+    uz, vz = points[b, 2] - points[a, 2], points[c, 2] - points[a, 2]
     nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
     length = np.sqrt(nx * nx + ny * ny + nz * nz)
     return nx / length, ny / length, nz / length
@@ -270,7 +258,7 @@ def _cast_shadow(
 def _filtered(
     heights: FloatArray,
     size: int,
-    corner: int,
+    corner: np.uintp,
     fu: float,
     fv: float,
     h: float,

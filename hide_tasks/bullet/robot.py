@@ -108,12 +108,15 @@ class Robot:
             self._aim(target)
             self.step()
         self._settle(path[-1])
-        error = float(np.abs(self.joints - path[-1]).max())
-        if error < SETTLED:
-            self._place(path[-1])
-        elif error > BLOCKED:
+        arrived = bool(np.abs(self.joints - path[-1]).max() <= BLOCKED)
+        if not arrived:
             self._aim(self.joints)
-        return error <= BLOCKED
+        return arrived
+
+    def rest(self) -> None:
+        """Put the arm exactly where it was sent, if it is there but for what gravity does."""
+        if np.abs(self.joints - self.target).max() < SETTLED:
+            self._place(self.target)
 
     def servo(self, target: Array, steps: int) -> None:
         """Drive the joints to a target for a number of physics steps."""
@@ -166,6 +169,7 @@ class Robot:
         self._aim(joints)
 
     def _aim(self, joints: Array) -> None:
+        self.target = joints
         self.client.setJointMotorControlArray(
             self.id,
             ARM,

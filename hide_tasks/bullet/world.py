@@ -75,7 +75,8 @@ class World:
         for step in range(STILL):
             self.step()
             if step % 12 == 11 and self.scene.still():
-                return
+                break
+        self.robot.rest()
 
     def execute(self, action: Action) -> Motion:
         """Carry out an action and wait until things are at rest."""

@@ -7,7 +7,7 @@ from rich.console import Console
 from hide_tasks.contract import Failure
 from server.first_run import evaluate_all, policies, tables, where_to_look
 from tests.workers.test_run_folder import TASKS, play, result, wanted
-from workers.run_folder import Results
+from workers.results import Results
 
 
 def shown(runs: dict[str, Results], width: int = 160) -> str:

@@ -7,7 +7,7 @@ from hide_tasks.contract import EpisodeResult, Failure
 from hide_tasks.statistics import Rate
 from server.tables import by_category, by_task, percent, results_table, summed
 from tests.workers.test_run_folder import TASKS, result, wanted
-from workers.run_folder import Results
+from workers.results import Results
 
 
 def failed(task: str, index: int, failure: Failure, *, success: bool = False) -> EpisodeResult:

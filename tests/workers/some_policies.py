@@ -1,6 +1,6 @@
 """Policies as a researcher might write them; a test names one as `module:Name`."""
 
-# ruff: noqa: ARG002, T201
+# ruff: noqa: T201
 
 import json
 import os

@@ -390,6 +390,7 @@ FLAGS = [
 PAGE = """<!doctype html><body style="margin:0"><div id="v" style="width:100vw;height:100vh"></div>
 <script type="module">
 import { WebViewer } from "/viewer.js";
+console.debug = () => {};  // 20,000 lines about shaders, each carried to the test: half a minute
 const viewer = window.viewer = new WebViewer();
 await viewer.start(
   [location.origin + "/layout.rbl", location.origin + "/episode.rrd"], document.getElementById("v"),

@@ -4,15 +4,15 @@ import sys
 from pathlib import Path
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hide_tasks.contract import DecisionRecord, EpisodeResult, MotionOutcome, Stop
+from workers.results import Results
 from workers.run_folder import (
     DECISIONS,
     RESULTS,
     FolderError,
-    Results,
     RunFolder,
     read,
     read_actions,
@@ -90,6 +90,7 @@ def test_a_new_folder_says_what_was_asked_for(tmp_path: Path) -> None:
     assert written["created"].endswith("+00:00")
 
 
+@settings(max_examples=20)
 @given(st.permutations([(task, index) for task in TASKS for index in range(3)]))
 def test_the_order_of_finishing_leaves_no_trace(
     tmp_path_factory, order: list[tuple[str, int]]

@@ -1,0 +1,182 @@
+"""The proofs of what a score means: committed ones hold, and the computation is right."""
+
+import itertools
+
+import numpy as np
+import pytest
+
+from hide_tasks import ALL_TASKS, suite
+from hide_tasks.amnesiac import Amnesiac, options, signature
+from hide_tasks.automaton import Automaton, Crossing, Road, best_mix, explore
+from hide_tasks.certificate import VERDICTS, judge
+from hide_tasks.certificates import certificate, committed
+from hide_tasks.contract import CAMERAS, CameraView, Observation
+from hide_tasks.likeness import JOINTS, PIXELS, likeness
+from hide_tasks.probe import Sample, probe
+from hide_tasks.script import library
+from hide_tasks.sources import sources_hash
+from hide_tasks.statistics import wilson
+
+every_task = pytest.mark.parametrize("name", ALL_TASKS)
+
+
+@every_task
+def test_the_committed_certificate_belongs_to_these_sources(name):
+    assert committed(name)["sources"] == sources_hash(name, certified=True), "run `hide certify`"
+
+
+@every_task
+def test_every_declared_pair_was_verified_on_real_episodes(name):
+    for alias in committed(name)["aliases"]:
+        assert alias["verified"] and alias["episodes"] >= 10
+        assert max(alias["pixels"].values()) <= PIXELS
+        assert alias["joints"] <= JOINTS
+        assert alias["hidden"][0] != alias["hidden"][1]
+        assert alias["next"][0] != alias["next"][1]
+
+
+@every_task
+@pytest.mark.parametrize("verdict", VERDICTS)
+def test_the_measured_amnesiac_does_not_beat_the_computed_ceiling(name, verdict):
+    measured = committed(name)["amnesiac"]
+    low, _ = wilson(round(measured[verdict]["rate"] * measured["episodes"]), measured["episodes"])
+
+    assert measured["episodes"] == suite.SPLITS["test"]
+    assert low <= committed(name)["ceilings"][verdict] < 1.0
+
+
+@every_task
+def test_the_committed_verdict_follows_from_the_figures(name):
+    document = committed(name)
+
+    assert judge(document) == (document["verdict"], document["reason"])
+    assert document["probe"]["samples"] >= 200
+    assert certificate(name).verdict == document["verdict"]
+
+
+def press_automaton(count, budget):
+    """At every crossing: press on, or withdraw and stop."""
+
+    def crossing(done):
+        return Crossing(("press", "withdraw"), str(done))
+
+    roads = {}
+    for done in range(budget):
+        good = done == count
+        roads[crossing(done), "withdraw"] = Road(1, 1 if good else None, good, None)
+        over = done == count
+        roads[crossing(done), "press"] = Road(2, None, False, None if over else crossing(done + 1))
+    return Automaton(Road(1, None, False, crossing(0)), roads)
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 5])
+def test_the_best_odds_for_a_count_are_those_of_the_closed_form(count):
+    mix, value = best_mix([press_automaton(count, 30)], "exact", 30)
+
+    assert mix["press"] == pytest.approx(count / (count + 1), abs=1e-3)
+    assert value == pytest.approx((count / (count + 1)) ** count / (count + 1), abs=1e-6)
+
+
+def test_a_budget_that_is_too_small_takes_the_probability_away():
+    automaton = press_automaton(3, 30)
+
+    assert automaton.value({"press": 3.0, "withdraw": 1.0}, "exact", 8) > 0
+    assert automaton.value({"press": 3.0, "withdraw": 1.0}, "exact", 7) == 0
+
+
+def test_equal_truths_that_look_the_same_are_guessed_evenly():
+    names = ("top", "middle", "bottom")
+    crossing = Crossing(names, "pressed")
+    automata = [
+        Automaton(
+            Road(6, None, False, crossing),
+            {
+                (crossing, name): Road(4, 3 if name == truth else None, name == truth, None)
+                for name in names
+            },
+        )
+        for truth in names
+    ]
+    mix, value = best_mix(automata, "exact", 25)
+
+    assert value == pytest.approx(1 / 3, abs=1e-6)
+    assert max(mix.values()) - min(mix.values()) < 0.01
+
+
+def test_exploring_the_simulator_finds_the_closed_form():
+    spec = suite.episode("push_button_times", "train", 0).twin({"count": 1})
+    points = library(spec)
+    automaton = explore(spec, points, 50)
+
+    assert best_mix([automaton], "exact", 25)[1] == pytest.approx(0.25, abs=1e-6)
+
+
+def test_the_amnesiac_chooses_by_the_present_alone():
+    spec = suite.episode("push_button_times", "val", 0).twin({"count": 2})
+    policy = Amnesiac({})
+    policy.bind(None, spec)
+    policy.reset("", 0)
+    over_button = [p for p in policy.points if p.keyframes in (1, 3, 5)]
+
+    assert signature(policy.points) == "reach x1, press x4, withdraw x1"
+    for point in over_button:
+        assert set(options(policy.points, point.observation)) == {"press", "withdraw"}
+    picked = {policy.act(over_button[0].observation).position for _ in range(40)}
+    assert len(picked) == 2
+
+
+def observation(seed=0, joints=0.0, shade=0):
+    rng = np.random.default_rng(seed)
+    views = {
+        name: CameraView(
+            (rng.integers(0, 200, (128, 128, 3)) + shade).astype(np.uint8),
+            rng.uniform(0.5, 2, (128, 128)).astype(np.float32),
+            np.eye(3),
+            np.eye(4),
+        )
+        for name in CAMERAS
+    }
+    return Observation(views, np.zeros(7), 1.0, np.full(7, joints), "")
+
+
+def test_likeness_is_strict_about_each_part():
+    same = observation()
+
+    assert likeness(same, observation()).alike
+    assert likeness(same, observation(shade=8)).alike
+    assert not likeness(same, observation(shade=9)).alike
+    assert not likeness(same, observation(joints=0.006)).alike
+    assert not likeness(same, observation(seed=1)).alike
+
+
+def test_the_probe_sees_what_is_visible_and_nothing_else():
+    layouts = range(40)
+    blind = [Sample(i, observation(seed=i), label) for i, label in itertools.product(layouts, "ab")]
+    seeing = [
+        Sample(i, observation(seed=i, shade=40 * (label == "b")), label)
+        for i, label in itertools.product(layouts, "ab")
+    ]
+
+    assert probe(blind)["nearest"]["accuracy"] <= 0.5
+    assert not probe(seeing)["blind"]
+    assert probe(seeing)["linear"]["accuracy"] > 0.9
+
+
+@pytest.mark.parametrize(
+    ("change", "word"),
+    [
+        ({"ceilings": {"exact": 0.9}}, "without memory is exact in 90%"),
+        ({"aliases": []}, "pair"),
+        ({"probe": {"blind": False}}, "classifier"),
+    ],
+)
+def test_a_certificate_is_weak_for_one_named_reason(change, word):
+    strong = {
+        "ceilings": {"exact": 0.3},
+        "aliases": [{"verified": True}],
+        "probe": {"blind": True},
+    }
+
+    assert judge(strong)[0] == "strong"
+    verdict, reason = judge({**strong, **change})
+    assert verdict == "weak" and word in reason
