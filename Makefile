@@ -51,5 +51,6 @@ clean: ## Remove everything that setup, checks and tests leave behind
 
 # Kernels are compiled before several processes want them at the same time.
 .venv/.warm: .venv/.installed $(wildcard hide_tasks/bullet/*.py)
+	@find hide_tasks -name '*.nb[ci]' -delete # numba does not notice a change in another file
 	$(BIN)/python -m hide_tasks.bullet.warm
 	@touch $@

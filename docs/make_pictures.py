@@ -1,4 +1,7 @@
-"""Draws the pictures of the README and the docs from real episodes: python docs/make_pictures.py."""
+"""Draws the pictures of the README and the docs from real episodes.
+
+Run it with: .venv/bin/python docs/make_pictures.py
+"""
 
 from pathlib import Path
 
@@ -31,12 +34,10 @@ def frames(spec: EpisodeSpec, moments: list[int], view: str, size: int) -> list[
             images = world.renderer.render(cameras, world.poses(), supersample=2)
             return np.asarray(images.rgb[0])
 
-        done = 0
-        for _, keyframe in script(world.task):
+        for done, (_, keyframe) in enumerate(script(world.task)):
             if done in moments:
                 found[done] = look()
             world.execute(keyframe)
-            done += 1
         found[-1] = look()
     return [found[moment] for moment in moments]
 

@@ -319,6 +319,16 @@ class Timing(_Frozen):
     renders: int = 0  # observations
 
 
+class Start(_Frozen):
+    """What is true before the first decision."""
+
+    stage: str
+    hidden: HiddenState
+    checks: dict[str, bool]
+    success: bool = False
+    belief: Belief | None = None
+
+
 class EpisodeResult(_Frozen):
     """The verdicts of one episode and all that identifies it."""
 

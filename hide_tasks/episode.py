@@ -23,6 +23,7 @@ from hide_tasks.contract import (
     Policy,
     PolicyFailure,
     Rules,
+    Start,
     Timing,
     parse_action,
 )
@@ -34,7 +35,9 @@ PARITY_BUDGET = 25  # decisions, as PerAct's evaluations have
 class Witness(Protocol):
     """Whoever records an episode."""
 
-    def begin(self, spec: EpisodeSpec, instruction: str, parts: Sequence[Part]) -> None:
+    def begin(
+        self, spec: EpisodeSpec, instruction: str, parts: Sequence[Part], start: Start
+    ) -> None:
         """The episode starts; `parts` is what will be drawn."""
 
     def frame(self, time: float, poses: NDArray[np.float64]) -> None:
@@ -154,8 +157,12 @@ def play(
     """
     began = perf_counter()
     with World(suite.build(spec), witnesses) as world:
+        start = Start(
+            stage=world.task.stage(), hidden=world.task.hidden_state(), checks=world.task.checks()
+        )
         for witness in witnesses:
-            witness.begin(spec, world.task.instruction, world.parts)
+            witness.begin(spec, world.task.instruction, world.parts, start)
+            witness.frame(0.0, world.poses())
         if hasattr(policy, "bind"):
             policy.bind(world, spec)
         episode = Episode(spec, world, policy, rules, witnesses, budget or budget_of(spec, rules))

@@ -17,9 +17,9 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from hide_tasks import ALL_TASKS, load, suite
-from hide_tasks.bullet.fingerprint import machine
 from hide_tasks.contract import DecisionRecord, EpisodeResult, EpisodeSpec, Policy, Split
 from hide_tasks.episode import play
+from hide_tasks.machine import fingerprint
 from hide_tasks.policies import Expert, Noop, Random, Replay
 from hide_tasks.sources import ROOT, sources_hash
 
@@ -96,7 +96,7 @@ def gate(task: str, workers: int) -> dict[str, Any]:
 def _document(task: str, splits: dict[Split, list[Passed]]) -> dict[str, Any]:
     return {
         "sources": sources_hash(task),
-        "machine": machine(),
+        "machine": fingerprint(),
         "splits": {split: _columns(passed) for split, passed in splits.items()},
     }
 

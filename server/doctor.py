@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import hide_tasks
+from hide_tasks.machine import installed
 from workers.evaluation import count_cpus
-from workers.machine import installed
 
 NEEDED = ("numpy", "numba", "pybullet", "pydantic", "msgpack", "pebble", "rerun-sdk", "typer")
 ROOM = 2 * 2**30  # bytes: the recordings of some evaluations

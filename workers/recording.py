@@ -34,6 +34,7 @@ from hide_tasks.contract import (
     EpisodeSpec,
     Keyframe,
     Observation,
+    Start,
     Value,
 )
 from hide_tasks.poses import matrix
@@ -88,7 +89,9 @@ class Recorder:
 
     # --- what a witness is told ---
 
-    def begin(self, spec: EpisodeSpec, instruction: str, parts: Sequence["Part"]) -> None:
+    def begin(
+        self, spec: EpisodeSpec, instruction: str, parts: Sequence["Part"], start: Start
+    ) -> None:
         """Open the file and write what does not change.
 
         Raises:
@@ -106,13 +109,12 @@ class Recorder:
         played = spec.name + f" · {self._policy}" * bool(self._policy)
         self._summary = f"### {instruction}\n\n{played}"
         self._summarise(Moment(0.0, 0), self._summary)
+        self._know(Moment(0.0, 0), start)
         self._send()
 
     def frame(self, time: float, poses: Array) -> None:
         """Take the parts' world transforms (n, 4, 4) at a simulated time in seconds."""
         self._now = time
-        if np.isinf(self._poses).all():
-            time = self._chosen_at  # so that the first decision has a scene
         moved = np.flatnonzero(np.abs(poses - self._poses).max(axis=(1, 2)) > STILL)
         if not moved.size:
             return
@@ -214,7 +216,7 @@ class Recorder:
         self._rows.add(f"{camera}/rgb", rr.EncodedImage, moment, **rgb)
         self._rows.add(f"{camera}/depth", rr.EncodedDepthImage, moment, **depth)
 
-    def _know(self, moment: Moment, record: DecisionRecord) -> None:
+    def _know(self, moment: Moment, record: DecisionRecord | Start) -> None:
         self._lanes.set_one(STAGE, moment, record.stage)
         self._lanes.set(HIDDEN, moment, record.hidden)
         self._lanes.set_one(SUCCESS, moment, record.success)

@@ -7,7 +7,7 @@ from pydantic import BaseModel, ConfigDict
 
 from hide_tasks import ALL_TASKS
 from hide_tasks.contract import EpisodeResult, Rules, Split
-from workers.machine import fingerprint
+from hide_tasks.machine import fingerprint
 
 
 class Results(BaseModel):

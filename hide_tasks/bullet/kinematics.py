@@ -26,7 +26,9 @@ HOME = np.array([0.0, 0.1751, 0.0, -0.8731, 0.0, 1.2215, 0.7854])
 MARGIN = 0.02  # rad kept from Franka's soft limits
 LOWER = np.array([-2.8973, -1.7628, -2.8973, -3.0718, -2.8973, -0.0175, -2.8973]) + MARGIN
 UPPER = np.array([2.8973, 1.7628, 2.8973, -0.0698, 2.8973, 3.7525, 2.8973]) - MARGIN
+# Of each joint's squared distance to HOME: the elbow stays in the plane, the wrist does the rest.
 WEIGHTS = np.array([2.0, 1.0, 2.0, 1.0, 0.5, 1.0, 0.5])
+# Per rad of joint 5, in the ranking alone: of two mirror images, which cost the same, one is best.
 WRIST_SIDE = 0.2
 
 # The chain of panda.urdf: quarter turns about x and the offset of each joint in its parent (m).

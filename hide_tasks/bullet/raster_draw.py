@@ -17,6 +17,7 @@ P = ParamSpec("P")
 R = TypeVar("R")
 Corners = tuple[np.uintp, np.uintp, np.uintp]  # rows of `corners`; unsigned indices are faster
 
+REACH = 1e-9  # pixels that a face reaches beyond its edges
 SLACK = 1e-7  # pixels: the edges decide what a face covers, not rounded image points
 WIDE = 8  # pixels: in wider rectangles the rows of a face are looked for before they are tested
 
@@ -246,8 +247,7 @@ def _clipped(
 def _edge(corners: FloatArray, p: np.uintp, q: np.uintp) -> tuple[float, float, float]:
     """Coefficients of the triple product of two corners and the image point (x, y, 1).
 
-    It is zero on the edge. Swapped corners give the exact negative, so that of two faces which
-    share an edge one has every pixel on it.
+    It is zero on the edge, and negative inside a face that is passed round counter-clockwise.
     """
     px, py, pw = corners[p, 0], corners[p, 1], corners[p, 2]
     qx, qy, qw = corners[q, 0], corners[q, 1], corners[q, 2]
@@ -283,10 +283,13 @@ def _fill(
     dz = az * ca + bz * cb + cz * cc
     wide = right - left > WIDE
     na, nb, nc = (_inverse(ax), _inverse(bx), _inverse(cx)) if wide else (0.0, 0.0, 0.0)
+    # A pixel on a corner must not fall between all its faces, so each reaches a little further.
+    a_0, b_0 = az - REACH * (abs(ax) + abs(ay)), bz - REACH * (abs(bx) + abs(by))
+    c_0 = cz - REACH * (abs(cx) + abs(cy))
     drawn = False
     for line in range(top, bottom):
         row, y = np.uintp(line), line + 0.5
-        row_a, row_b, row_c, row_d = ay * y + az, by * y + bz, cy * y + cz, dy * y + dz
+        row_a, row_b, row_c, row_d = ay * y + a_0, by * y + b_0, cy * y + c_0, dy * y + dz
         start, stop = left, right
         if wide:
             start, stop = _narrowed(na, row_a, start, stop)

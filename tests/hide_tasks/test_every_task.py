@@ -8,12 +8,12 @@ import pytest
 
 from hide_tasks import ALL_TASKS, load, suite
 from hide_tasks.amnesiac import options
-from hide_tasks.bullet.fingerprint import machine
 from hide_tasks.bullet.world import World
 from hide_tasks.contract import CAMERAS, IMAGE_SIZE, Failure
 from hide_tasks.episode import play
 from hide_tasks.gates import idle, solved
 from hide_tasks.likeness import likeness
+from hide_tasks.machine import fingerprint
 from hide_tasks.policies import Expert, Replay
 from hide_tasks.script import library, points, same_action
 from hide_tasks.sources import sources_hash
@@ -67,7 +67,7 @@ def test_the_expert_succeeds_exactly_and_a_replay_ends_in_the_same_state(name, s
 
     assert solved(result, records), result.failure
     assert (again.exact, again.final_state_hash) == (True, result.final_state_hash)
-    if suite.committed(name)["machine"] == machine():
+    if suite.committed(name)["machine"] == fingerprint():
         committed = suite.committed(name)["splits"][split]["final_state_hashes"][index]
         assert result.final_state_hash[:16] == committed
 

@@ -40,6 +40,7 @@ from hide_tasks.contract import (
     Keyframe,
     MotionOutcome,
     Observation,
+    Start,
 )
 from hide_tasks.policies import Expert
 from workers.recording import Recorder, drawn, properties_of
@@ -48,6 +49,11 @@ from workers.recording_layout import as_text, write_layout
 INSTRUCTION = "push the red button 3 times"
 SPEC = EpisodeSpec(task="push_button_times", split="test", index=7, variation={"count": 3})
 DECISIONS = 5
+START = Start(
+    stage="press 0",
+    hidden={"presses_done": 0, "searched": []},
+    checks={"pressed": False, "withdrawn": False},
+)
 
 
 def parts() -> list[Part]:
@@ -124,7 +130,7 @@ def result(**fields: Any) -> EpisodeResult:
 
 def tell(recorder: Recorder, decisions: int = DECISIONS) -> None:
     """A small episode, told to the recorder as the loop tells it."""
-    recorder.begin(SPEC, INSTRUCTION, parts())
+    recorder.begin(SPEC, INSTRUCTION, parts(), START)
     recorder.frame(0.0, poses(0.0))
     for decision in range(decisions):
         seen = observation(decision)
@@ -218,7 +224,7 @@ def test_dense_actions_are_pictured_twice_a_second(tmp_path: Path) -> None:
     rest = JointPosition(chunk=((0.0,) * 8,) * 2)
 
     with Recorder(tmp_path / "a.rrd") as recorder:
-        recorder.begin(SPEC, INSTRUCTION, parts())
+        recorder.begin(SPEC, INSTRUCTION, parts(), START)
         for decision in range(20):
             now = (decision + 1) / 10
             recorder.frame(now, poses(now))
@@ -229,17 +235,12 @@ def test_dense_actions_are_pictured_twice_a_second(tmp_path: Path) -> None:
     assert list(seen) == [(0.0, 0), (0.5, 5), (1.0, 10), (1.5, 15), (2.0, 20)]
 
 
-def test_the_first_decision_has_a_scene(tmp_path: Path) -> None:
-    """Frames come after the physics moved, the first picture before."""
-    with Recorder(tmp_path / "a.rrd") as recorder:
-        recorder.begin(SPEC, INSTRUCTION, parts())
-        recorder.frame(0.05, poses(0.05))
-        recorder.decided(observation(), record(0))
-        recorder.end(result(), observation())
+def test_the_first_decision_has_a_scene_and_lanes(tmp_path: Path) -> None:
+    path = recorded(tmp_path / "a.rrd")
 
-    assert (0.0, 0) in rows(
-        tmp_path / "a.rrd", "/world/robot/panda_hand", "Transform3D:translation"
-    )
+    assert (0.0, 0) in rows(path, "/world/robot/panda_hand", "Transform3D:translation")
+    assert rows(path, "/stage", "StateChange:state")[0.0, 0] == "press 0"
+    assert (0.0, 0) in rows(path, "/hidden/presses_done", "StateChange:state")
 
 
 def test_a_part_that_stands_still_is_written_once(tmp_path: Path) -> None:
@@ -270,7 +271,7 @@ def test_a_growing_recording_can_be_read(tmp_path: Path, monkeypatch: pytest.Mon
         tell(recorder, decisions=2)
         stages = rows(recorder.partial, "/stage", "StateChange:state")
 
-    assert stages == {(1.0, 1): "press 1", (2.0, 2): "press 2"}
+    assert stages == {(0.0, 0): "press 0", (1.0, 1): "press 1", (2.0, 2): "press 2"}
 
 
 def test_two_attempts_at_one_episode_do_not_meet(tmp_path: Path) -> None:
@@ -303,7 +304,9 @@ def test_a_part_inside_another_is_refused(tmp_path: Path) -> None:
     cube = meshes.box((1, 1, 1))
 
     with pytest.raises(ValueError, match="'chest/top' would move with part 'chest'"):
-        Recorder(tmp_path / "a.rrd").begin(SPEC, "", [Part("chest", cube), Part("chest/top", cube)])
+        Recorder(tmp_path / "a.rrd").begin(
+            SPEC, "", [Part("chest", cube), Part("chest/top", cube)], START
+        )
 
 
 def test_faces_of_two_colours_share_no_vertex() -> None:
@@ -361,9 +364,11 @@ def test_recording_touches_no_file_but_its_own(tmp_path: Path) -> None:
     clean = {name: value for name, value in os.environ.items() if name[:3] not in ("CI", "XDG")}
     script = (
         "import sys; from pathlib import Path; from workers.recording_layout import write_layout;"
-        "from workers.recording import Recorder; from hide_tasks.contract import EpisodeSpec;"
+        "from workers.recording import Recorder;"
+        "from hide_tasks.contract import EpisodeSpec, Start;"
+        "start = Start(stage='s', hidden={}, checks={});"
         "spec = EpisodeSpec(task='t', split='val', index=0, variation={});"
-        "Recorder(Path(sys.argv[1])).begin(spec, 'go', []); write_layout(Path(sys.argv[2]))"
+        "Recorder(Path(sys.argv[1])).begin(spec, 'go', [], start); write_layout(Path(sys.argv[2]))"
     )
 
     command = [sys.executable, "-c", script, str(out / "a.rrd"), str(out / "l.rbl")]
