@@ -126,8 +126,10 @@ class _Frozen(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
 
-Vector3 = tuple[float, float, float]
-Quaternion = tuple[float, float, float, float]
+Number = Annotated[float, Field(ge=-1e3, le=1e3)]  # no pose or joint of this robot is beyond
+Vector3 = tuple[Number, Number, Number]
+Quaternion = tuple[Number, Number, Number, Number]
+Row = tuple[Number, ...]
 Opening = Annotated[float, Field(ge=0.0, le=1.0)]
 
 
@@ -164,7 +166,7 @@ class JointPosition(_Frozen):
     """Joint targets at 20 Hz; each row is seven joints (rad) and the opening."""
 
     kind: Literal["joint_position"] = "joint_position"
-    chunk: Annotated[tuple[tuple[float, ...], ...], Field(min_length=1, max_length=MAX_CHUNK)]
+    chunk: Annotated[tuple[Row, ...], Field(min_length=1, max_length=MAX_CHUNK)]
     stop: bool = False
 
     @model_validator(mode="after")
@@ -180,7 +182,7 @@ class EEDelta(_Frozen):
     """
 
     kind: Literal["ee_delta"] = "ee_delta"
-    chunk: Annotated[tuple[tuple[float, ...], ...], Field(min_length=1, max_length=MAX_CHUNK)]
+    chunk: Annotated[tuple[Row, ...], Field(min_length=1, max_length=MAX_CHUNK)]
     stop: bool = False
 
     @model_validator(mode="after")

@@ -1,24 +1,27 @@
 """Plays one episode: the loop, the two verdicts, the names of what went wrong."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from time import perf_counter
-from typing import Any, Protocol
+from typing import Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import ValidationError
 
 from hide_tasks import load, suite
 from hide_tasks.bullet.fingerprint import final_state_hash
 from hide_tasks.bullet.scene import Part
 from hide_tasks.bullet.world import World
 from hide_tasks.contract import (
-    Action,
+    Belief,
     DecisionRecord,
+    EEDelta,
     EpisodeResult,
     EpisodeSpec,
     Failure,
     InvalidAction,
+    JointPosition,
     Observation,
     Policy,
     PolicyFailure,
@@ -30,6 +33,8 @@ from hide_tasks.contract import (
 
 FURTHER = 3  # decisions after success through which it must hold to be exact
 PARITY_BUDGET = 25  # decisions, as PerAct's evaluations have
+
+Answer = TypeVar("Answer")
 
 
 class Witness(Protocol):
@@ -62,12 +67,14 @@ class Episode:
     budget: int  # decisions
     records: list[DecisionRecord] = field(default_factory=list)
     success_at: int | None = None  # the number of decisions when the checks first held
+    rows: int = 0  # of dense actions, at 20 Hz
     policy_seconds: float = 0.0
 
     def play(self) -> tuple[Failure | None, str]:
         """Play to the end; the policy's failure and its message, if it failed."""
         try:
-            self.policy.reset(self.world.task.instruction, suite.policy_seed(self.spec))
+            instruction, seed = self.world.task.instruction, suite.policy_seed(self.spec)
+            self.ask(lambda: self.policy.reset(instruction, seed))
             while not self.over():
                 self.decide()
         except PolicyFailure as error:
@@ -77,7 +84,10 @@ class Episode:
     def decide(self) -> None:
         """One decision: look, ask, act, record."""
         observation = self.world.observe()
-        action = self.ask(observation)
+        action = self.ask(lambda: parse_action(self.policy.act(observation)))
+        belief = self.ask(lambda: _belief(self.policy))
+        if isinstance(action, JointPosition | EEDelta):
+            self.rows += len(action.chunk)
         known = len(self.world.events), len(self.world.violations)
         motion = self.world.execute(action)
         if self.world.success and self.success_at is None:
@@ -95,20 +105,20 @@ class Episode:
             success=self.world.success,
             events=self.world.events[known[0] :],
             violations=self.world.violations[known[1] :],
-            belief=_belief(self.policy),
+            belief=belief,
         )
         self.records.append(record)
         for witness in self.witnesses:
             witness.decided(observation, record)
 
-    def ask(self, observation: Observation) -> Action:
-        """The policy's action; whatever goes wrong in it gets its name."""
+    def ask(self, question: Callable[[], Answer]) -> Answer:
+        """The policy's answer; whatever goes wrong in it gets its name."""
         start = perf_counter()
         try:
-            return parse_action(self.policy.act(observation))
+            return question()
         except PolicyFailure:
             raise
-        except InvalidAction as error:
+        except (InvalidAction, ValidationError) as error:
             raise PolicyFailure(Failure.POLICY_INVALID, str(error)) from error
         except Exception as error:
             message = f"{type(error).__name__}: {error}"
@@ -123,9 +133,15 @@ class Episode:
             return True
         if self.success_at is not None:
             further = 0 if self.rules == "parity" else FURTHER
-            return done >= min(self.success_at + further, self.budget)
+            return done >= self.success_at + further or self.spent()
         spoiled = self.world.task.spoils.intersection(self.world.violations)
-        return done >= self.budget or bool(spoiled)
+        return self.spent() or bool(spoiled)
+
+    def spent(self) -> bool:
+        """True when the budget is used up: decisions, or rows of dense actions."""
+        if self.rows:
+            return self.rows >= suite.row_budget(self.spec.task)
+        return len(self.records) >= self.budget
 
     def failure(self) -> Failure | None:
         """Why the episode is not exact; None if it is."""
@@ -200,5 +216,6 @@ def _timing(episode: Episode, total: float) -> Timing:
     )
 
 
-def _belief(policy: Policy) -> Any:
-    return policy.belief() if hasattr(policy, "belief") else None
+def _belief(policy: Policy) -> Belief | None:
+    said = policy.belief() if hasattr(policy, "belief") else None
+    return None if said is None else Belief.model_validate(said)

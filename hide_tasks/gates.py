@@ -10,7 +10,7 @@ import json
 import logging
 import sys
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 from pathlib import Path
@@ -39,6 +39,7 @@ class Passed(NamedTuple):
     draw: int
     scene_hash: str
     final_state_hash: str
+    seconds: float  # simulated, of the expert
 
 
 def solved(result: EpisodeResult, records: list[DecisionRecord]) -> bool:
@@ -63,7 +64,7 @@ def accept(spec: EpisodeSpec) -> Passed:
         again, _ = play(drawn, Replay([record.action for record in records]))
         if (again.exact, again.final_state_hash) != (True, result.final_state_hash):
             raise GateError(f"{spec.name}: the replay of draw {draw} ended elsewhere.")
-        return Passed(draw, result.scene_hash, result.final_state_hash)
+        return Passed(draw, result.scene_hash, result.final_state_hash, records[-1].time)
     raise GateError(f"{spec.name}: the expert solved none of {MOST_DRAWS} draws.")
 
 
@@ -82,27 +83,48 @@ def gate(task: str, workers: int) -> dict[str, Any]:
     suite.committed.cache_clear()
     with ProcessPoolExecutor(workers, get_context("spawn")) as pool:
         splits = {s: list(pool.map(accept, suite.episodes(task, s))) for s in suite.SPLITS}
-        document = _document(task, splits)
-        _write(task, document)
-        suite.committed.cache_clear()
-        idles = list(pool.map(idle, suite.episodes(task, "test")))
+        tests = [
+            spec.model_copy(update={"draw": passed.draw})
+            for spec, passed in zip(suite.episodes(task, "test"), splits["test"], strict=True)
+        ]
+        idles = list(pool.map(idle, tests))
+    require_repeats(tests[::-1], splits["test"][::-1])
     rates = {name: sum(one[name] for one in idles) / len(idles) for name in idles[0]}
     if max(rates.values()) > IDLE_LIMIT:
         raise GateError(f"{task}: a policy that knows nothing succeeds: {rates}.")
-    _write(task, {**document, "idle_success": rates})
+    document = {**_document(task, splits), "idle_success": rates}
+    _write(task, document)
     return document
+
+
+def require_repeats(specs: Sequence[EpisodeSpec], passed: Sequence[Passed]) -> None:
+    """Play experts again in one new process, in the order given.
+
+    Raises:
+        GateError: one ends in another state than it did before.
+    """
+    with ProcessPoolExecutor(1, get_context("spawn")) as pool:
+        for spec, before, after in zip(specs, passed, pool.map(final_state, specs), strict=True):
+            if after != before.final_state_hash:
+                raise GateError(f"{spec.name} ended elsewhere in another process and order.")
+
+
+def final_state(spec: EpisodeSpec) -> str:
+    """The hash of the state in which the expert's episode ends."""
+    return play(spec, Expert())[0].final_state_hash
 
 
 def _document(task: str, splits: dict[Split, list[Passed]]) -> dict[str, Any]:
     return {
         "sources": sources_hash(task),
         "machine": fingerprint(),
+        "longest_seconds": max(one.seconds for passed in splits.values() for one in passed),
         "splits": {split: _columns(passed) for split, passed in splits.items()},
     }
 
 
 def _columns(passed: Iterable[Passed]) -> dict[str, list[Any]]:
-    draws, scenes, finals = zip(*passed, strict=True)
+    draws, scenes, finals, _ = zip(*passed, strict=True)
     return {
         "draws": list(draws),
         "scene_hashes": [value[:16] for value in scenes],

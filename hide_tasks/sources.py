@@ -14,6 +14,7 @@ SHARED = (
     "layout.py",
     "motion.py",
     "panda.py",
+    "policies.py",
     "poses.py",
     "script.py",
     "suite.py",
@@ -22,7 +23,14 @@ SHARED = (
 
 
 LOOKS = ("cameras.py", "meshes.py", "raster.py", "raster_draw.py", "raster_shade.py")
-JUDGES = ("amnesiac.py", "automaton.py", "certificate.py", "likeness.py", "probe.py")
+JUDGES = (
+    "amnesiac.py",
+    "automaton.py",
+    "certificate.py",
+    "likeness.py",
+    "probe.py",
+    "statistics.py",
+)
 NEITHER = ("__init__.py", "make_panda_meshes.py", "make_panda_spheres.py", "warm.py")
 
 
@@ -38,7 +46,9 @@ def sources_hash(task: str, *, certified: bool = False) -> str:
         *sorted(f for f in (ROOT / "bullet").glob("*.py") if f.name not in left_out),
         ROOT / "tasks" / f"{task}.py",
     ]
-    digest = hashlib.sha256()
+    digest = hashlib.sha256((ROOT / "bullet" / "panda_spheres.npz").read_bytes())
+    if certified:
+        digest.update((ROOT / "bullet" / "panda_meshes.npz").read_bytes())
     for file in files:
         digest.update(file.relative_to(ROOT).as_posix().encode())
         digest.update(_meaning(file.read_text()).encode())

@@ -6,6 +6,7 @@ and the hash of its scene.
 
 import hashlib
 import json
+import math
 from functools import lru_cache
 from importlib.resources import files
 from typing import Any, get_args
@@ -13,7 +14,7 @@ from typing import Any, get_args
 import numpy as np
 
 from hide_tasks.catalogue import load
-from hide_tasks.contract import EpisodeSpec, Split
+from hide_tasks.contract import CONTROL_HZ, EpisodeSpec, Split
 from hide_tasks.task import Task
 
 SUITE = "hide"
@@ -43,6 +44,15 @@ def committed(task: str) -> dict[str, Any]:
     """
     file = files("hide_tasks").joinpath("episodes", f"{task}.json")
     return dict(json.loads(file.read_text())) if file.is_file() else {}
+
+
+def row_budget(task: str) -> int:
+    """How many 20 Hz rows of dense actions an episode may take: 1.5 times the longest expert.
+
+    A minute's worth before the task is gated.
+    """
+    longest: float = committed(task).get("longest_seconds", 40.0)
+    return math.ceil(1.5 * longest * CONTROL_HZ)
 
 
 def episode(task: str, split: Split, index: int) -> EpisodeSpec:

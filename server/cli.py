@@ -106,7 +106,7 @@ def evaluate(
     """Evaluate a policy without a server; with --out, an interrupted run resumes."""
     from server.run import run
     from server.tables import results_table
-    from workers.evaluation import Evaluation
+    from workers.evaluation import Evaluation, missing
 
     evaluation = Evaluation(
         policy=policy,
@@ -119,7 +119,7 @@ def evaluate(
     )
     results = run(evaluation, out or new_folder(policy), workers)
     show(results.model_dump(mode="json") if as_json else results_table(results))
-    if not results.complete:
+    if missing(evaluation, results):
         raise typer.Exit(1)
 
 

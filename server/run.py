@@ -31,7 +31,7 @@ def run(evaluation: Evaluation, folder: Path, workers: int | None = None) -> Res
         except KeyboardInterrupt:
             reporter.say(f"Stopped. The same command with --out {folder} resumes.")
             raise
-        if names := missing(results):
+        if names := missing(evaluation, results):
             reporter.say(
                 f"Missing, because they could not be played: {', '.join(names)}. "
                 f"The same command with --out {folder} tries them again."

@@ -11,6 +11,7 @@ from pathlib import Path
 
 from hide_tasks import load, suite
 from hide_tasks.contract import EpisodeResult, EpisodeSpec, Rules, Split
+from hide_tasks.sources import sources_hash
 from workers import policies
 from workers.engines.local import LocalEngine, Lost
 from workers.policy_process import LOAD_LIMIT
@@ -61,6 +62,7 @@ class Evaluation:
             rules=self.rules,
             tasks=list(planned),
             budgets={task: self._budget(task) for task in planned},
+            sources={task: sources_hash(task) for task in planned},
             planned=planned,
         )
 
@@ -118,14 +120,9 @@ def count_cpus() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def missing(results: Results) -> list[str]:
-    """Names of the episodes that were asked for and are not there."""
-    return [
-        spec.name
-        for task, count in results.planned.items()
-        for spec in suite.episodes(task, results.split, count)
-        if _key(spec) not in results.finished
-    ]
+def missing(evaluation: Evaluation, results: Results) -> list[str]:
+    """Names of the episodes that this call asked for and that are not there."""
+    return [spec.name for spec in evaluation.specs if _key(spec) not in results.finished]
 
 
 def _write_layout(folder: RunFolder) -> None:

@@ -61,7 +61,8 @@ class PolicyProcess:
         """
         reply = self._ask({"act": wire.pack_observation(observation)}, self.timeout)
         try:
-            self._belief = reply["belief"] and Belief.model_validate(reply["belief"])
+            said = reply["belief"]
+            self._belief = None if said is None else Belief.model_validate(said)
         except ValidationError as error:
             fault = error.errors()[0]
             raise self._failed(Failure.POLICY_INVALID, f"belief: {fault['msg']}") from None

@@ -22,6 +22,7 @@ class Results(BaseModel):
     rules: Rules
     tasks: list[str]
     budgets: dict[str, int]  # decisions an episode may take, per task
+    sources: dict[str, str] = {}  # per task, the code that its episodes were played by
     planned: dict[str, int]  # episodes asked for, per task: the first so many of the split
     machine: dict[str, str] = {}
     created: str = ""
@@ -35,6 +36,9 @@ class Results(BaseModel):
         for task in set(self.budgets) & set(other.budgets):
             if self.budgets[task] != other.budgets[task]:
                 return f"a budget of {self.budgets[task]} for {task}, not {other.budgets[task]}"
+        for task in set(self.sources) & set(other.sources):
+            if self.sources[task] != other.sources[task]:
+                return f"another version of {task}'s sources"
         return None
 
     def dated(self) -> "Results":
@@ -48,8 +52,12 @@ class Results(BaseModel):
             task: max(self.planned.get(task, 0), wanted.planned.get(task, 0))
             for task in in_order({*self.tasks, *wanted.tasks})
         }
-        budgets = {task: (self.budgets | wanted.budgets)[task] for task in planned}
-        changes = {"tasks": list(planned), "planned": planned, "budgets": budgets}
+        changes = {
+            "tasks": list(planned),
+            "planned": planned,
+            "budgets": {task: (self.budgets | wanted.budgets)[task] for task in planned},
+            "sources": self.sources | wanted.sources,
+        }
         return self.model_copy(update=changes)
 
     def with_episode(self, result: EpisodeResult) -> "Results":

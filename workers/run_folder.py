@@ -50,17 +50,17 @@ class RunFolder:
         Raises:
             FolderError: it holds another run or something else, is in use, or cannot be written.
         """
-        _examine(path, wanted)
         try:
+            _examine(path, wanted)
             path.mkdir(parents=True, exist_ok=True)
             lock = _lock(path)
+            try:
+                return cls._taken(path, wanted, lock)
+            except BaseException:
+                os.close(lock)
+                raise
         except OSError as error:
             raise FolderError(f"{path} cannot be written: {error.strerror}.") from None
-        try:
-            return cls._taken(path, wanted, lock)
-        except BaseException:
-            os.close(lock)
-            raise
 
     @classmethod
     def _taken(cls, path: Path, wanted: Results, lock: int) -> Self:
@@ -68,8 +68,8 @@ class RunFolder:
         (path / RECORDINGS).mkdir(exist_ok=True)
         results = there.grown(wanted) if there else wanted.dated()
         folder = cls(path, results, lock)
-        folder.tidy()
         folder._save()
+        folder.tidy()
         return folder
 
     def __enter__(self) -> Self:
@@ -149,7 +149,9 @@ def _examine(path: Path, wanted: Results) -> Results | None:
         return None
     if not path.is_dir():
         raise FolderError(f"{path} is a file; expected a folder for the run.")
-    names = {file.name for file in path.iterdir()} - {LOCK, RECORDINGS, f".{RESULTS}{PART}"}
+    names = {file.name for file in path.iterdir()}
+    if LOCK in names:  # ours, before its first results were written
+        names -= {LOCK, RECORDINGS, *(f".{name}{PART}" for name in (RESULTS, DECISIONS))}
     if not names:
         return None
     if RESULTS not in names:

@@ -26,6 +26,7 @@ from hide_tasks.poses import Array, from_rotation_vector, multiply
 
 SUBSTEPS = HZ // CONTROL_HZ
 JOINT_STEP = 2.6 / CONTROL_HZ  # rad that a joint may be told to move in one dense row (Franka)
+STEP_LIMITS = (-JOINT_STEP, JOINT_STEP)
 
 
 class Motion(NamedTuple):
@@ -55,7 +56,7 @@ class Executor:
 
     def _keyframe(self, action: Keyframe) -> Motion:
         plan, retried = self._plan(action), False
-        if isinstance(plan, planner.PlanFailure) and not action.ignore_collisions:
+        if isinstance(plan, planner.PlanFailure):
             plan, retried = self._plan(action, retry=True), True
         if isinstance(plan, planner.PlanFailure):
             return Motion(MotionOutcome(plan.value), retried=retried)
@@ -81,16 +82,15 @@ class Executor:
             self.planning_seconds += perf_counter() - start
 
     def _dense(self, action: JointPosition | EEDelta) -> Motion:
-        outcome = MotionOutcome.ARRIVED
+        reached = 0
         for row in action.chunk:
-            target = self._target(action.kind, np.array(row))
-            if target is None:
-                outcome = MotionOutcome.OUT_OF_REACH
-                continue
             present = self.robot.joints
-            step = np.clip(target - present, -JOINT_STEP, JOINT_STEP)
+            target = self._target(action.kind, np.array(row))
+            reached += target is not None
+            step = np.clip((present if target is None else target) - present, *STEP_LIMITS)
             self.robot.servo(present + step, SUBSTEPS)
             self.robot.set_fingers(row[-1] >= 0.5)
+        outcome = MotionOutcome.ARRIVED if reached else MotionOutcome.OUT_OF_REACH
         return Motion(outcome, "dense")
 
     def _target(self, kind: str, row: Array) -> Array | None:

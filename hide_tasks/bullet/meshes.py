@@ -119,12 +119,14 @@ def merge(parts: Iterable[tuple[Mesh, FloatArray, Rgb | None]]) -> Mesh:
     """
     parts = list(parts)
     offsets = np.cumsum([0] + [len(mesh.vertices) for mesh, _, _ in parts[:-1]])
-    points = [m.vertices @ pose[:3, :3].T + pose[:3, 3] for m, pose, _ in parts]
-    normals = [m.normals @ pose[:3, :3].T for m, pose, _ in parts]
+    points: FloatArray = np.concatenate(
+        [m.vertices @ pose[:3, :3].T + pose[:3, 3] for m, pose, _ in parts]
+    )
+    normals: FloatArray = np.concatenate([m.normals @ pose[:3, :3].T for m, pose, _ in parts])
     faces = [m.faces + start for (m, _, _), start in zip(parts, offsets, strict=True)]
     return Mesh(
-        np.round(np.concatenate(points), 9) + 0.0,
-        np.round(np.concatenate(normals), 6) + 0.0,
+        np.round(points, 9) + 0.0,
+        np.round(normals, 6) + 0.0,
         np.concatenate(faces).astype(np.int32),
         np.concatenate([_face_colors(mesh, rgb) for mesh, _, rgb in parts]),
     )

@@ -167,7 +167,7 @@ class _Scratch(NamedTuple):
                 np.empty((points, 3)), np.empty((points, 3)), np.empty((len(shapes.spheres), 4))
             ),
             np.empty((points, 6)),
-            np.empty((points, 4), dtype=np.int32),
+            np.empty((points, 2), dtype=np.int32),
             np.empty(faces, dtype=np.bool_),
             np.empty((faces, 9)),
             np.empty((faces, LIGHTS)),

@@ -15,10 +15,10 @@ from hide_tasks.bullet.meshes import BoolArray, ByteArray, FloatArray, IntArray
 
 P = ParamSpec("P")
 R = TypeVar("R")
-Corners = tuple[np.uintp, np.uintp, np.uintp]  # rows of `corners`; unsigned indices are faster
+Point = tuple[float, float, float]
+Indices = tuple[np.uintp, np.uintp, np.uintp]
 
 REACH = 1e-9  # pixels that a face reaches beyond its edges
-SLACK = 1e-7  # pixels: the edges decide what a face covers, not rounded image points
 WIDE = 8  # pixels: in wider rectangles the rows of a face are looked for before they are tested
 
 
@@ -28,11 +28,6 @@ def kernel(function: Callable[P, R]) -> Callable[P, R]:
     A kernel must not call one of another file: the disk cache looks at the caller's file alone.
     """
     return cast(Callable[P, R], numba.njit(cache=True, error_model="numpy")(function))
-
-
-def inlined(function: Callable[P, R]) -> Callable[P, R]:
-    """`function` as a part of the kernels that call it."""
-    return cast(Callable[P, R], numba.njit(inline="always", error_model="numpy")(function))
 
 
 class Shapes(NamedTuple):
@@ -108,34 +103,19 @@ def draw(
     """Fills `frame` with what the view sees of the visible instances.
 
     Faces at w < near, or with a closeness beyond the open range farthest..nearest, are not seen.
-    `corners` (v, 6) and `pixels` (v, 4) are scratch.
+    `corners` (v, 6) and `pixels` (v, 2) are scratch.
     """
-    faces, first_vertex, first_face = shapes.faces, shapes.first_vertex, shapes.first_face
-    closeness, face, drawn, weights = frame.closeness, frame.face, frame.drawn, frame.weights
-    height, width = face.shape
-    closeness[:] = farthest
-    face[:] = -1
-    drawn[:] = False
+    height, width = frame.face.shape
+    frame.closeness[:] = farthest
+    frame.face[:] = -1
+    frame.drawn[:] = False
     planes = _picture_borders(view, near, width, height)
     for i in range(len(visible)):
         if visible[i] and _reaches_in(placed.spheres, i, planes):
-            first, last = first_vertex[i], first_vertex[i + 1]
+            first, last = shapes.first_vertex[i], shapes.first_vertex[i + 1]
             _project(placed.points, first, last, view, near, width, height, corners, pixels)
-            for t in range(first_face[i], first_face[i + 1]):
-                a, b, c = np.uintp(faces[t, 0]), np.uintp(faces[t, 1]), np.uintp(faces[t, 2])
-                left, right = _span(pixels, 0, a, b, c)
-                if left >= right:
-                    continue
-                top, bottom = _span(pixels, 2, a, b, c)
-                if top >= bottom:
-                    continue
-                if left < 0:
-                    left, right, top, bottom = _clipped(corners, (a, b, c), near, width, height)
-                elif _looks_away(corners, a, b, c):
-                    continue
-                box = (left, right, top, bottom)
-                face_t = np.uintp(t)
-                drawn[t] = _fill(corners, (a, b, c), box, nearest, face_t, closeness, face, weights)
+            first, last = shapes.first_face[i], shapes.first_face[i + 1]
+            _draw_faces(shapes.faces, first, last, corners, pixels, near, nearest, frame)
 
 
 @kernel
@@ -181,44 +161,128 @@ def _project(
 ) -> None:
     """Writes the view's four values of each point and its image point.
 
-    Writes also the first column that a face to the right of the point may cover, the first that
-    one to its left may not, and the same for rows; the whole picture, from -1, behind `near`.
+    Writes also the first column and row whose centres lie beyond the point; -1 behind `near`.
     """
     for v in range(first, last):
         x, y, z = points[v, 0], points[v, 1], points[v, 2]
         for k in range(4):
             corners[v, k] = view[k, 0] * x + view[k, 1] * y + view[k, 2] * z + view[k, 3]
-        pixels[v, 0], pixels[v, 1], pixels[v, 2], pixels[v, 3] = -1, width, 0, height
+        pixels[v, 0] = -1
         if corners[v, 2] >= near:
             inverse = 1.0 / corners[v, 2]
             column, row = corners[v, 0] * inverse, corners[v, 1] * inverse
             corners[v, 4], corners[v, 5] = column, row
-            pixels[v, 0] = int(min(max(column + (0.5 - SLACK), 0.0), float(width)))
-            pixels[v, 1] = int(min(max(column + (0.5 + SLACK), 0.0), float(width)))
-            pixels[v, 2] = int(min(max(row + (0.5 - SLACK), 0.0), float(height)))
-            pixels[v, 3] = int(min(max(row + (0.5 + SLACK), 0.0), float(height)))
+            pixels[v, 0] = int(min(max(column + 0.5, 0.0), float(width)))
+            pixels[v, 1] = int(min(max(row + 0.5, 0.0), float(height)))
 
 
-@inlined
-def _span(pixels: IntArray, axis: int, a: np.uintp, b: np.uintp, c: np.uintp) -> tuple[int, int]:
-    """Columns (axis 0) or rows (2) that a face may cover, from..to; from -1 if behind `near`."""
-    return (
-        min(pixels[a, axis], min(pixels[b, axis], pixels[c, axis])),
-        max(pixels[a, axis + 1], max(pixels[b, axis + 1], pixels[c, axis + 1])),
-    )
+@kernel
+def _draw_faces(
+    faces: IntArray,
+    first: int,
+    last: int,
+    corners: FloatArray,
+    pixels: IntArray,
+    near: float,
+    nearest: float,
+    frame: Frame,
+) -> None:
+    """Draws the faces first..last where they are the nearest.
+
+    One long loop, because every array handed to a function costs as much as a small face; its
+    indices are unsigned and its innermost loop has no branches for the same reason.
+    """
+    closeness, face, drawn, weights = frame.closeness, frame.face, frame.drawn, frame.weights
+    height, width = face.shape
+    for number in range(first, last):
+        t = np.uintp(number)
+        a, b, c = np.uintp(faces[t, 0]), np.uintp(faces[t, 1]), np.uintp(faces[t, 2])
+        left = min(pixels[a, 0], min(pixels[b, 0], pixels[c, 0]))
+        if left >= 0:
+            right = max(pixels[a, 0], max(pixels[b, 0], pixels[c, 0]))
+            if left == right:
+                continue
+            top = min(pixels[a, 1], min(pixels[b, 1], pixels[c, 1]))
+            bottom = max(pixels[a, 1], max(pixels[b, 1], pixels[c, 1]))
+            if top == bottom or not _is_counter_clockwise(
+                corners[b, 4] - corners[a, 4],
+                corners[b, 5] - corners[a, 5],
+                corners[c, 4] - corners[a, 4],
+                corners[c, 5] - corners[a, 5],
+            ):
+                continue
+        else:
+            left, right, top, bottom = _clipped(corners, (a, b, c), near, width, height)
+        p = corners[a, 0], corners[a, 1], corners[a, 2]
+        q = corners[b, 0], corners[b, 1], corners[b, 2]
+        r = corners[c, 0], corners[c, 1], corners[c, 2]
+        ax, ay, az = _edge(q, r)
+        bx, by, bz = _edge(r, p)
+        cx, cy, cz = _edge(p, q)
+        volume = ax * p[0] + ay * p[1] + az * p[2]
+        if volume > -1e-15:  # it looks away, or is seen edge on
+            continue
+        inverse = 1.0 / volume
+        ca, cb, cc = corners[a, 3] * inverse, corners[b, 3] * inverse, corners[c, 3] * inverse
+        dx, dy = ax * ca + bx * cb + cx * cc, ay * ca + by * cb + cy * cc
+        dz = az * ca + bz * cb + cz * cc
+        # A pixel on a corner must not fall between all its faces, so each reaches further.
+        a_0, b_0 = az - REACH * (abs(ax) + abs(ay)), bz - REACH * (abs(bx) + abs(by))
+        c_0 = cz - REACH * (abs(cx) + abs(cy))
+        wide, label, shows = right - left > WIDE, np.int32(t), False
+        na, nb, nc = (1.0 / ax, 1.0 / bx, 1.0 / cx) if wide else (0.0, 0.0, 0.0)
+        for line in range(top, bottom):
+            row, y = np.uintp(line), line + 0.5
+            row_a, row_b, row_c, row_d = ay * y + a_0, by * y + b_0, cy * y + c_0, dy * y + dz
+            start, stop = left, right
+            if wide:
+                start, stop = _narrowed(na, row_a, start, stop)
+                start, stop = _narrowed(nb, row_b, start, stop)
+                start, stop = _narrowed(nc, row_c, start, stop)
+            for place in range(start, stop):
+                column, x = np.uintp(place), place + 0.5
+                here, there = dx * x + row_d, closeness[row, column]
+                inside = (ax * x + row_a <= 0.0) & (bx * x + row_b <= 0.0) & (cx * x + row_c <= 0.0)
+                front = inside & (there < here) & (here < nearest)
+                closeness[row, column] = here if front else there
+                face[row, column] = label if front else face[row, column]
+                shows |= front
+        if shows:
+            drawn[t] = True
+            weights[t, 0], weights[t, 1], weights[t, 2] = ax * inverse, ay * inverse, az * inverse
+            weights[t, 3], weights[t, 4], weights[t, 5] = bx * inverse, by * inverse, bz * inverse
+            weights[t, 6], weights[t, 7], weights[t, 8] = cx * inverse, cy * inverse, cz * inverse
 
 
-@inlined
-def _looks_away(corners: FloatArray, a: np.uintp, b: np.uintp, c: np.uintp) -> bool:
-    """Whether the image of a face in front of `near` is clockwise."""
-    ux, uy = corners[b, 4] - corners[a, 4], corners[b, 5] - corners[a, 5]
-    vx, vy = corners[c, 4] - corners[a, 4], corners[c, 5] - corners[a, 5]
-    return bool(ux * vy >= vx * uy)
+@kernel
+def _is_counter_clockwise(ux: float, uy: float, vx: float, vy: float) -> bool:
+    """Whether the image, y down, of a face with two edges u and v is seen from its front."""
+    return ux * vy < vx * uy
+
+
+@kernel
+def _edge(p: Point, q: Point) -> Point:
+    """Coefficients of the triple product of two corners and the image point (x, y, 1).
+
+    It is zero on the edge, and negative inside a face that is passed round counter-clockwise.
+    """
+    return p[1] * q[2] - p[2] * q[1], p[2] * q[0] - p[0] * q[2], p[0] * q[1] - p[1] * q[0]
+
+
+@kernel
+def _narrowed(inverse_slope: float, offset: float, start: int, stop: int) -> tuple[int, int]:
+    """Columns of start..stop where x / inverse_slope + offset may be negative, one to spare."""
+    if np.isinf(inverse_slope):
+        return start, stop
+    zero = min(max(-offset * inverse_slope, start - 2.0), stop + 2.0)
+    if inverse_slope > 0.0:
+        return start, min(stop, int(zero) + 2)
+    return max(start, int(zero) - 1), stop
 
 
 @kernel
 def _clipped(
-    corners: FloatArray, face: Corners, near: float, width: int, height: int
+    corners: FloatArray, face: Indices, near: float, width: int, height: int
 ) -> tuple[int, int, int, int]:
     """Columns and rows that the part of a face in front of `near` may cover."""
     left, right, top, bottom = np.inf, -np.inf, np.inf, -np.inf
@@ -241,87 +305,3 @@ def _clipped(
         int(min(max(top - 1.0, 0.0), float(height))),
         int(min(max(bottom + 1.0, 0.0), float(height))),
     )
-
-
-@inlined
-def _edge(corners: FloatArray, p: np.uintp, q: np.uintp) -> tuple[float, float, float]:
-    """Coefficients of the triple product of two corners and the image point (x, y, 1).
-
-    It is zero on the edge, and negative inside a face that is passed round counter-clockwise.
-    """
-    px, py, pw = corners[p, 0], corners[p, 1], corners[p, 2]
-    qx, qy, qw = corners[q, 0], corners[q, 1], corners[q, 2]
-    return py * qw - pw * qy, pw * qx - px * qw, px * qy - py * qx
-
-
-@inlined
-def _fill(
-    corners: FloatArray,
-    face: Corners,
-    rectangle: tuple[int, int, int, int],
-    nearest: float,
-    t: np.uintp,
-    closeness: FloatArray,
-    shown: IntArray,
-    weights: FloatArray,
-) -> bool:
-    """Draws face `t` on those pixels of a rectangle that it covers and is the nearest at.
-
-    Returns whether there were any.
-    """
-    a, b, c = face
-    left, right, top, bottom = rectangle
-    ax, ay, az = _edge(corners, b, c)
-    bx, by, bz = _edge(corners, c, a)
-    cx, cy, cz = _edge(corners, a, b)
-    volume = ax * corners[a, 0] + ay * corners[a, 1] + az * corners[a, 2]
-    if volume > -1e-15:  # it looks away, or is seen edge on
-        return False
-    inverse = 1.0 / volume
-    ca, cb, cc = corners[a, 3] * inverse, corners[b, 3] * inverse, corners[c, 3] * inverse
-    dx, dy = ax * ca + bx * cb + cx * cc, ay * ca + by * cb + cy * cc
-    dz = az * ca + bz * cb + cz * cc
-    wide = right - left > WIDE
-    na, nb, nc = (_inverse(ax), _inverse(bx), _inverse(cx)) if wide else (0.0, 0.0, 0.0)
-    # A pixel on a corner must not fall between all its faces, so each reaches a little further.
-    a_0, b_0 = az - REACH * (abs(ax) + abs(ay)), bz - REACH * (abs(bx) + abs(by))
-    c_0 = cz - REACH * (abs(cx) + abs(cy))
-    drawn = False
-    for line in range(top, bottom):
-        row, y = np.uintp(line), line + 0.5
-        row_a, row_b, row_c, row_d = ay * y + a_0, by * y + b_0, cy * y + c_0, dy * y + dz
-        start, stop = left, right
-        if wide:
-            start, stop = _narrowed(na, row_a, start, stop)
-            start, stop = _narrowed(nb, row_b, start, stop)
-            start, stop = _narrowed(nc, row_c, start, stop)
-        for place in range(start, stop):
-            column, x = np.uintp(place), place + 0.5
-            here, there = dx * x + row_d, closeness[row, column]
-            # Without branches: inside a small face they cost more than the arithmetic.
-            inside = (ax * x + row_a <= 0.0) & (bx * x + row_b <= 0.0) & (cx * x + row_c <= 0.0)
-            front = inside & (there < here) & (here < nearest)
-            closeness[row, column] = here if front else there
-            shown[row, column] = t if front else shown[row, column]
-            drawn |= front
-    if drawn:
-        weights[t, 0], weights[t, 1], weights[t, 2] = ax * inverse, ay * inverse, az * inverse
-        weights[t, 3], weights[t, 4], weights[t, 5] = bx * inverse, by * inverse, bz * inverse
-        weights[t, 6], weights[t, 7], weights[t, 8] = cx * inverse, cy * inverse, cz * inverse
-    return drawn
-
-
-@inlined
-def _inverse(slope: float) -> float:
-    return 0.0 if slope == 0.0 else 1.0 / slope
-
-
-@inlined
-def _narrowed(inverse_slope: float, offset: float, start: int, stop: int) -> tuple[int, int]:
-    """Columns of start..stop where x / inverse_slope + offset may be negative, one to spare."""
-    zero = min(max(-offset * inverse_slope, start - 2.0), stop + 2.0)
-    if inverse_slope > 0.0:
-        stop = min(stop, int(zero) + 2)
-    elif inverse_slope < 0.0:
-        start = max(start, int(zero) - 1)
-    return start, stop

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from hide_tasks.bullet.meshes import ByteArray, FloatArray, IntArray
-from hide_tasks.bullet.raster_draw import Frame, Placed, Shapes, inlined, kernel
+from hide_tasks.bullet.raster_draw import Frame, Placed, Shapes, kernel
 
 SHADOW_BIAS = 0.003  # m towards the sun; with less, curved faces shade themselves
 GRAZING = 0.15  # cosine below which the shadow is not followed down a slope
@@ -64,51 +64,7 @@ def shade(
         _find_on_map(frame.closeness, row, to_map, line)
         _light_row(frame.face, row, lights, heights, size, line)
         _expose(lighting, line)
-        _paint_row(frame.face, row, lights, line, rays, lighting, rgb)
-
-
-@kernel
-def _light_row(
-    face: IntArray, row: int, lights: FloatArray, heights: FloatArray, size: int, line: FloatArray
-) -> None:
-    """Writes the light on a row's pixels."""
-    start = 0
-    while start < face.shape[1]:
-        stop, t = _end_of_run(face, row, start), face[row, start]
-        if t >= 0:
-            _light(lights, t, row, start, stop, line)
-            _cast_shadow(heights, size, lights[t, 9], lights[t, 10], start, stop, line)
-        start = stop
-
-
-@kernel
-def _paint_row(
-    face: IntArray,
-    row: int,
-    lights: FloatArray,
-    line: FloatArray,
-    rays: FloatArray,
-    lighting: Lighting,
-    rgb: ByteArray,
-) -> None:
-    """Writes a row's colours."""
-    start = 0
-    while start < face.shape[1]:
-        stop, t = _end_of_run(face, row, start), face[row, start]
-        if t >= 0:
-            _paint(lights, t, line, rgb, row, start, stop)
-        else:
-            _paint_background(rays, lighting, rgb, row, start, stop)
-        start = stop
-
-
-@inlined
-def _end_of_run(face: IntArray, row: int, start: int) -> int:
-    """Column where another face begins than the one at `start`."""
-    stop = start + 1
-    while stop < face.shape[1] and face[row, stop] == face[row, start]:
-        stop += 1
-    return stop
+        _paint_row(frame.face, row, lights, line, _background(rays, lighting, row, width), rgb)
 
 
 @kernel
@@ -201,47 +157,40 @@ def _find_on_map(closeness: FloatArray, row: int, to_map: FloatArray, line: Floa
         line[H, column] = (h_x * x + h_0) * depth + h_1
 
 
-@inlined
-def _light(lights: FloatArray, t: int, row: int, start: int, stop: int, line: FloatArray) -> None:
-    """Writes the light on a run of pixels of face `t`."""
-    y = row + 0.5
-    sun_x, sun_0 = lights[t, 0], lights[t, 1] * y + lights[t, 2]
-    around_x, around_0 = lights[t, 3], lights[t, 4] * y + lights[t, 5]
-    mirror_x, mirror_0 = lights[t, 6], lights[t, 7] * y + lights[t, 8]
-    for column in range(start, stop):
-        x, depth = column + 0.5, line[DEPTH, column]
-        line[SUN, column] = max((sun_x * x + sun_0) * depth, 0.0)
-        line[AROUND, column] = (around_x * x + around_0) * depth
-        line[MIRROR, column] = max((mirror_x * x + mirror_0) * depth, 0.5)
-
-
-@inlined
-def _cast_shadow(
-    heights: FloatArray,
-    size: int,
-    rise_u: float,
-    rise_v: float,
-    start: int,
-    stop: int,
-    line: FloatArray,
+@kernel
+def _light_row(
+    face: IntArray, row: int, lights: FloatArray, heights: FloatArray, size: int, line: FloatArray
 ) -> None:
-    """Writes the part of the sun, 0 to 1, that reaches the pixels of a run.
+    """Writes the light on a row's pixels, and the part of the sun, 0 to 1, that reaches them.
 
-    Each of 4 x 4 texels is compared with the height that the face has there, so that a slope
-    does not shade itself; the weights are those of a square of 3 x 3 texels about the point.
+    A pixel's height is compared with 4 x 4 texels, each with the height that the face has there,
+    so that a slope does not shade itself; they weigh as a square of 3 x 3 about the point does.
     """
-    low, high = 1.0, size - 2.0
+    low, high, y = 1.0, size - 2.0, row + 0.5
     one, two = np.uintp(1), np.uintp(size + 3)
     three, four = np.uintp(2 * size), np.uintp(3 * size + 2)
-    for pixel in range(start, stop):
-        u, v = line[U, pixel], line[V, pixel]
-        line[LIT, pixel] = 1.0
-        if line[SUN, pixel] == 0.0:
-            line[LIT, pixel] = 0.0
+    t = -1
+    for pixel in range(face.shape[1]):
+        if face[row, pixel] < 0:
+            continue
+        if face[row, pixel] != t:
+            t = face[row, pixel]
+            sun_x, sun_0 = lights[t, 0], lights[t, 1] * y + lights[t, 2]
+            around_x, around_0 = lights[t, 3], lights[t, 4] * y + lights[t, 5]
+            mirror_x, mirror_0 = lights[t, 6], lights[t, 7] * y + lights[t, 8]
+            rise_u, rise_v = lights[t, 9], lights[t, 10]
+        x, depth = pixel + 0.5, line[DEPTH, pixel]
+        sun = max((sun_x * x + sun_0) * depth, 0.0)
+        line[SUN, pixel] = sun
+        line[AROUND, pixel] = (around_x * x + around_0) * depth
+        line[MIRROR, pixel] = max((mirror_x * x + mirror_0) * depth, 0.5)
+        lit, u, v = 1.0, line[U, pixel], line[V, pixel]
+        if sun == 0.0:
+            lit = 0.0
         elif low <= u < high and low <= v < high:
-            column, row = int(u), int(v)
-            fu, fv = u - column, v - row
-            corner = np.uintp((row - 1) * size + column - 1)
+            column_u, row_v = int(u), int(v)
+            fu, fv = u - column_u, v - row_v
+            corner = np.uintp((row_v - 1) * size + column_u - 1)
             h = line[H, pixel] - rise_u * (fu + 1.0) - rise_v * (fv + 1.0)
             # One texel of each row and column tells whether all are in the sun, or none.
             clear = int(heights[corner + one] <= h + rise_u)
@@ -249,12 +198,13 @@ def _cast_shadow(
             clear += int(heights[corner + three] <= h + 2.0 * rise_v)
             clear += int(heights[corner + four] <= h + 3.0 * rise_v + 2.0 * rise_u)
             if clear == 0:
-                line[LIT, pixel] = 0.0
+                lit = 0.0
             elif clear < 4:
-                line[LIT, pixel] = _filtered(heights, size, corner, fu, fv, h, rise_u, rise_v)
+                lit = _filtered(heights, size, corner, fu, fv, h, rise_u, rise_v)
+        line[LIT, pixel] = lit
 
 
-@inlined
+@kernel
 def _filtered(
     heights: FloatArray,
     size: int,
@@ -291,37 +241,43 @@ def _expose(lighting: Lighting, line: FloatArray) -> None:
         line[GLOSS, column] = shine * lit * gloss
 
 
-@inlined
-def _paint(
-    lights: FloatArray,
-    t: int,
-    line: FloatArray,
-    rgb: ByteArray,
-    row: int,
-    start: int,
-    stop: int,
-) -> None:
-    """Colours a run of pixels of face `t`."""
-    red, green, blue = lights[t, 11], lights[t, 12], lights[t, 13]
-    for column in range(start, stop):
-        gain, gloss = line[GAIN, column], line[GLOSS, column] + 0.5
-        rgb[row, column, 0] = int(min(red * gain + gloss, 255.0))
-        rgb[row, column, 1] = int(min(green * gain + gloss, 255.0))
-        rgb[row, column, 2] = int(min(blue * gain + gloss, 255.0))
-
-
-@inlined
-def _paint_background(
-    rays: FloatArray, lighting: Lighting, rgb: ByteArray, row: int, start: int, stop: int
-) -> None:
-    """Colours a run of pixels by how far the view goes down in the middle of their row."""
-    x, y = rgb.shape[1] / 2.0, row + 0.5
+@kernel
+def _background(
+    rays: FloatArray, lighting: Lighting, row: int, width: int
+) -> tuple[float, float, float]:
+    """Colour where a row sees nothing, by how far the view goes down in the row's middle."""
+    x, y = width / 2.0, row + 0.5
     dx = rays[0, 0] * x + rays[0, 1] * y + rays[0, 2]
     dy = rays[1, 0] * x + rays[1, 1] * y + rays[1, 2]
     dz = rays[2, 0] * x + rays[2, 1] * y + rays[2, 2]
     down = max(-dz / np.sqrt(dx * dx + dy * dy + dz * dz), 0.0)
     wall, floor = lighting.wall, lighting.floor
-    for k in range(3):
-        byte = int(wall[k] + down * (floor[k] - wall[k]) + 0.5)
-        for column in range(start, stop):
-            rgb[row, column, k] = byte
+    return (
+        wall[0] + down * (floor[0] - wall[0]),
+        wall[1] + down * (floor[1] - wall[1]),
+        wall[2] + down * (floor[2] - wall[2]),
+    )
+
+
+@kernel
+def _paint_row(
+    face: IntArray,
+    row: int,
+    lights: FloatArray,
+    line: FloatArray,
+    background: tuple[float, float, float],
+    rgb: ByteArray,
+) -> None:
+    """Writes a row's colours."""
+    t = -1
+    red, green, blue = background
+    for column in range(face.shape[1]):
+        if face[row, column] != t:
+            t = face[row, column]
+            red, green, blue = background
+            if t >= 0:
+                red, green, blue = lights[t, 11], lights[t, 12], lights[t, 13]
+        gain, gloss = (1.0, 0.5) if t < 0 else (line[GAIN, column], line[GLOSS, column] + 0.5)
+        rgb[row, column, 0] = int(min(red * gain + gloss, 255.0))
+        rgb[row, column, 1] = int(min(green * gain + gloss, 255.0))
+        rgb[row, column, 2] = int(min(blue * gain + gloss, 255.0))

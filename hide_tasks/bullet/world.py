@@ -14,7 +14,15 @@ from hide_tasks.bullet.executor import Executor, Motion
 from hide_tasks.bullet.raster import Renderer
 from hide_tasks.bullet.robot import Robot
 from hide_tasks.bullet.scene import HZ, Part, Scene
-from hide_tasks.contract import CAMERAS, Action, CameraView, Event, Failure, Observation
+from hide_tasks.contract import (
+    CAMERAS,
+    Action,
+    CameraView,
+    Event,
+    Failure,
+    Keyframe,
+    Observation,
+)
 from hide_tasks.task import Task
 
 FRAME = HZ // 20  # physics steps between two frames of a recording
@@ -79,9 +87,10 @@ class World:
         self.robot.rest()
 
     def execute(self, action: Action) -> Motion:
-        """Carry out an action and wait until things are at rest."""
+        """Carry out an action; after a keyframe, wait until things are at rest."""
         motion = self.executor.execute(action)
-        self.settle()
+        if isinstance(action, Keyframe) and motion.outcome.moved:
+            self.settle()
         return motion
 
     def poses(self) -> NDArray[np.float64]:

@@ -47,6 +47,8 @@ def test_an_action_survives_its_dictionary_form(position, opening, ignore, stop)
         ({"kind": "ee_delta", "chunk": [[0.0] * 8]}, "expected 7"),
         ({"kind": "ee_delta", "chunk": []}, "chunk"),
         ({"kind": "joint_position", "chunk": [[math.inf] * 8]}, "finite"),
+        ({"kind": "ee_delta", "chunk": [[1e160] * 7]}, "less than"),
+        ({"kind": "keyframe", "position": (0, 0, 1), "quaternion": (1e308,) * 4}, "less than"),
     ],
 )
 def test_what_is_no_action_is_told_and_why(answer, word):

@@ -58,6 +58,44 @@ def test_a_policy_that_goes_wrong_is_a_named_failure(answer, failure):
     assert result.detail
 
 
+class Broken(Scripted):
+    """Goes wrong outside `act`."""
+
+    def __init__(self, where):
+        super().__init__(*[Keyframe(position=(0.3, 0, 1.2), quaternion=(1, 0, 0, 0))] * 3)
+        self.where = where
+
+    def reset(self, instruction, policy_seed):
+        super().reset(instruction, policy_seed)
+        if self.where == "reset":
+            raise KeyError("weights")
+
+    def belief(self):
+        if self.where == "belief":
+            raise KeyError("counter")
+        return 0
+
+
+@pytest.mark.parametrize(
+    ("where", "failure"),
+    [
+        ("reset", Failure.POLICY_ERROR),
+        ("belief", Failure.POLICY_ERROR),
+        ("what it believes", Failure.POLICY_INVALID),
+    ],
+)
+def test_reset_and_belief_that_go_wrong_are_named_too(where, failure):
+    assert play(PUSH, Broken(where))[0].failure is failure
+
+
+def test_dense_actions_have_a_budget_of_rows():
+    still = {"kind": "ee_delta", "chunk": [[0.0] * 6 + [1.0]] * 200}
+    result, records = play(PUSH, Scripted(*[still] * 50))
+
+    assert len(records) == -(-suite.row_budget("push_button_times") // 200)
+    assert result.failure is Failure.UNDERCOUNT
+
+
 def test_a_failed_plan_is_a_decision_that_does_not_move():
     away = Keyframe(position=(3.0, 0, 1), quaternion=(1, 0, 0, 0))
     result, records = play(PUSH, Scripted(away, away))

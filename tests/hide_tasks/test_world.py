@@ -65,13 +65,10 @@ def test_posture_after_a_keyframe_does_not_depend_on_the_way(world):
     assert np.abs(world.robot.joints - direct).max() < 1e-9
 
 
-def test_a_drawer_follows_the_hand_that_holds_it_and_snaps_shut(world):
+def test_a_drawer_follows_the_hand_that_holds_it(world):
     play(world, 3)
-    assert world.task.chest["top"].opening == pytest.approx(0.20, abs=2e-3)
 
-    play(world, 0)
-    for _ in range(3):
-        assert world.task.chest["middle"].opening == 0.0
+    assert world.task.chest["top"].opening == pytest.approx(0.20, abs=2e-3)
 
 
 def test_a_drawer_pushed_nearly_shut_shuts_exactly():

@@ -173,7 +173,7 @@ def test_an_episode_that_cannot_be_played_is_missing_not_scored(tmp_path: Path) 
     results = evaluate(evaluation, folder, workers=1, watcher=Notes())
 
     assert [episode.index for episode in results.episodes] == [1]
-    assert missing(results) == [f"{TASKS[0]}-test-000"]
+    assert missing(evaluation, results) == [f"{TASKS[0]}-test-000"]
     assert lost == [(0, False, True), (0, False, True), (0, True, True)]
 
 

@@ -208,8 +208,8 @@ def test_hidden_values_stand_after_the_decision_that_changed_them(tmp_path: Path
     presses = rows(path, "/hidden/presses_done", "StateChange:state")
     searched = rows(path, "/hidden/searched", "StateChange:state")
 
-    assert presses == {(d + 1.0, d + 1): str(d + 1) for d in range(DECISIONS)}
-    assert searched == {(1.0, 1): "–", (2.0, 2): "top", (3.0, 3): "top, middle"}
+    assert presses == {(float(d), d): str(d) for d in range(DECISIONS + 1)}
+    assert searched == {(0.0, 0): "–", (2.0, 2): "top", (3.0, 3): "top, middle"}
 
 
 def test_pictures_stand_before_the_decision_that_saw_them(tmp_path: Path) -> None:
