@@ -120,6 +120,12 @@ def test_a_finished_run_is_not_played_again(expert_run: Path) -> None:
     assert (expert_run / RESULTS).read_bytes() == before
 
 
+def test_a_smaller_request_is_content_with_its_episodes(expert_run: Path) -> None:
+    smaller = Evaluation("expert", TASKS[:1], episodes=1)
+
+    assert missing(smaller, evaluate(smaller, expert_run)) == []
+
+
 @pytest.mark.skipif(sys.platform != "linux", reason="looks into /proc")
 def test_a_killed_run_resumes_to_the_same_results(expert_run: Path, tmp_path: Path) -> None:
     folder = tmp_path / "run"

@@ -30,6 +30,7 @@ def wanted(**changes: object) -> Results:
         "rules": "hide",
         "tasks": TASKS,
         "budgets": {"push_button_times": 25, "search_drawer": 35},
+        "sources": dict.fromkeys(TASKS, "a hash"),
         "planned": dict.fromkeys(TASKS, 3),
     }
     return Results(**{**fields, **changes})
@@ -164,6 +165,7 @@ def test_tasks_and_episodes_may_grow(tmp_path: Path) -> None:
         ({"version": 2}, "version 1, not 2"),
         ({"suite": "rlbench"}, "suite hide, not rlbench"),
         ({"budgets": {TASKS[0]: 25, TASKS[1]: 99}}, "a budget of 35 for search_drawer, not 99"),
+        ({"sources": {TASKS[0]: "newer"}}, "another version of push_button_times's sources"),
     ],
 )
 def test_another_run_is_refused_and_nothing_touched(
@@ -197,6 +199,25 @@ def test_something_else_is_refused_and_nothing_touched(
         play(tmp_path)
 
     assert contents(tmp_path) == {name: content.encode()}
+
+
+def test_recordings_that_are_not_ours_are_left_alone(tmp_path: Path) -> None:
+    (tmp_path / "recordings").mkdir()
+    (tmp_path / "recordings" / "interview.part").write_text("hello")
+
+    with pytest.raises(FolderError, match="holds something else"):
+        play(tmp_path)
+
+    assert contents(tmp_path) == {"recordings/interview.part": b"hello"}
+
+
+def test_a_run_that_was_killed_while_it_began_begins_again(tmp_path: Path) -> None:
+    play(tmp_path)
+    (tmp_path / RESULTS).unlink()
+    (tmp_path / DECISIONS).unlink()
+    (tmp_path / f".{RESULTS}.part").touch()
+
+    assert play(tmp_path, (TASKS[0], 0)).finished == {(TASKS[0], 0)}
 
 
 def test_a_file_is_no_folder(tmp_path: Path) -> None:
