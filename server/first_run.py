@@ -1,8 +1,9 @@
 """What `make run` does: evaluates the built-in policies on all tasks and prints one table.
 
-What is there already is not played again.
+What is there already is not played again; other sources of the tasks have a folder of their own.
 """
 
+import hashlib
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -13,6 +14,7 @@ from rich.text import Text
 
 from hide_tasks import ALL_TASKS, load
 from hide_tasks.certificates import certificate
+from hide_tasks.sources import sources_hash
 from server.arguments import BadUsage
 from server.run import run
 from server.tables import Row, by_task, color, percent, screen, summed
@@ -20,8 +22,14 @@ from workers.evaluation import LAYOUT, Evaluation
 from workers.results import Results
 from workers.run_folder import RECORDINGS
 
-FOLDER = Path("runs", "first")
+RUNS = Path("runs")
 LABELS, COLUMN = 24, 18  # characters of a table's width: its first columns, each task
+
+
+def folder_of(tasks: Sequence[str]) -> Path:
+    """Where the runs of these tasks, as they are now, stand."""
+    together = "".join(sources_hash(task) for task in tasks)
+    return RUNS / f"first-{hashlib.sha256(together.encode()).hexdigest()[:8]}"
 
 
 def policies(folder: Path) -> dict[str, str]:
@@ -114,15 +122,16 @@ def where_to_look(runs: Mapping[str, Results], folder: Path) -> str:
 
 def main() -> None:
     """Evaluate, print, and say where to look."""
+    folder = folder_of(ALL_TASKS)
     try:
-        runs = evaluate_all(FOLDER)
+        runs = evaluate_all(folder)
     except BadUsage as error:
         sys.exit(f"make run: {error}")
     except KeyboardInterrupt:
         sys.exit("make run: stopped; `make run` goes on from here.")
     for table in tables(runs, screen().width):
         screen().print(table)
-    screen().print(where_to_look(runs, FOLDER), soft_wrap=True, markup=False, highlight=False)
+    screen().print(where_to_look(runs, folder), soft_wrap=True, markup=False, highlight=False)
     if not all(results.complete for results in runs.values()):
         sys.exit(1)
 

@@ -30,7 +30,6 @@ def wanted(**changes: object) -> Results:
         "rules": "hide",
         "tasks": TASKS,
         "budgets": {"push_button_times": 25, "search_drawer": 35},
-        "sources": dict.fromkeys(TASKS, "a hash"),
         "planned": dict.fromkeys(TASKS, 3),
     }
     return Results(**{**fields, **changes})
@@ -171,7 +170,7 @@ def test_tasks_and_episodes_may_grow(tmp_path: Path) -> None:
 def test_another_run_is_refused_and_nothing_touched(
     tmp_path: Path, changes: dict, message: str
 ) -> None:
-    play(tmp_path, (TASKS[0], 0))
+    play(tmp_path, (TASKS[0], 0), sources={TASKS[0]: "older"})
     (tmp_path / "recordings" / "x.rrd.part").touch()
     before = contents(tmp_path)
 
