@@ -52,15 +52,22 @@ class Amnesiac:
 
     def __init__(self, mixes: Mapping[str, Mapping[str, float]] | None = None):
         self.mixes = mixes
+        self.known: EpisodeSpec | None = None  # whose scripts it has
+        self.rolls = 0  # how often it played that episode
 
     def bind(self, world: World, spec: EpisodeSpec) -> None:
         """Take the episode whose scripts it may know."""
         self.spec = spec
 
     def reset(self, instruction: str, policy_seed: int) -> None:
-        """Learn the scripts of this scene; nothing of this episode is kept after a decision."""
-        self.points = library(self.spec)
-        self.rng = np.random.default_rng(policy_seed)
+        """Learn the scripts of this scene; nothing of this episode is kept after a decision.
+
+        Played again, an episode gets other odds of the same mix.
+        """
+        if self.known != self.spec:
+            self.known, self.rolls, self.points = self.spec, 0, library(self.spec)
+        self.rng = np.random.default_rng([policy_seed, self.rolls])
+        self.rolls += 1
         mixes = committed(self.spec.task).get("mixes", {}) if self.mixes is None else self.mixes
         self.weights: Mapping[str, float] = mixes.get(signature(self.points), {})
 
