@@ -4,12 +4,13 @@ A user's mistake is one line on standard error and exit status 2; what failed on
 """
 
 import json
+import logging
 import sys
 from collections.abc import Sequence
 from enum import StrEnum
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 from typer import Argument, Option
@@ -133,6 +134,56 @@ def certify(tasks: Tasks = "", workers: Workers = None, as_json: AsJson = False)
     certificates = recertify(names, workers)
     entries = tables.catalogue(names)
     show({"certificates": certificates} if as_json else tables.catalogue_table(entries))
+
+
+@app.command()
+def serve(
+    data: Annotated[
+        Path | None, Option(help="The folder of ledger, recordings and logs. Default: data")
+    ] = None,
+    host: Annotated[str | None, Option(help="An address of this machine.")] = None,
+    port: Annotated[
+        int | None, Option(min=0, max=65535, help="Default: 8000; 0: any that is free.")
+    ] = None,
+    workers: Annotated[
+        int | None, Option(min=0, max=256, help="Shards at a time; default: one per processor.")
+    ] = None,
+    allow_python: Annotated[
+        bool | None,
+        Option(
+            "--allow-python", help="Let clients name Python classes of this machine as policies."
+        ),
+    ] = None,
+    references: Annotated[
+        bool | None,
+        Option(
+            "--references/--no-references",
+            help="Evaluate the built-in policies on first start; default: yes.",
+        ),
+    ] = None,
+) -> None:
+    """Run the evaluation server: pages, API and workers. HIDE_SERVER_… variables are read too."""
+    from pydantic import ValidationError
+
+    from server.serve import serve as run_server
+    from server.settings import Settings
+
+    given: dict[str, Any] = {
+        "data": data,
+        "host": host,
+        "port": port,
+        "workers": workers,
+        "allow_python": allow_python,
+        "references": references,
+    }
+    logging.basicConfig(format="%(asctime)s %(levelname)s %(message)s")
+    try:
+        settings = Settings(**{name: value for name, value in given.items() if value is not None})
+    except ValidationError as error:
+        fault = error.errors()[0]
+        name = f"HIDE_SERVER_{fault['loc'][0]}".upper()
+        raise BadUsage(f"{name}={fault['input']}: {fault['msg']}.") from None
+    run_server(settings, lambda url: typer.echo(f"HIDE-SEEK: {url} (Ctrl-C stops)", err=True))
 
 
 @app.command()

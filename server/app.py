@@ -1,0 +1,84 @@
+"""The API application; web/app.py adds the pages to it."""
+
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from typing import Any
+
+from fastapi import APIRouter, FastAPI
+from fastapi.openapi.utils import get_openapi
+
+from hide_tasks.machine import installed
+from server import problems
+from server.guard import Guard
+from server.hub import Hub
+from server.routes import catalogue, episodes, evaluations, health, internal, policies
+from server.schemas import ProblemDocument
+from server.settings import Settings
+from workers.protocol import INTERNAL
+
+API = "/api/v1"
+LOOPBACK = ("127.0.0.1", "localhost", "::1")
+PROBLEM = {problems.MEDIA_TYPE: {"schema": {"$ref": "#/components/schemas/ProblemDocument"}}}
+ANY_PROBLEM: dict[int | str, dict[str, Any]] = {
+    404: {"description": "There is no such thing.", "content": PROBLEM},
+    409: {"description": "Its state does not allow it.", "content": PROBLEM},
+    422: {"description": "The request is wrong; `errors` says where.", "content": PROBLEM},
+    "default": {"description": "Any other problem.", "content": PROBLEM},
+}
+
+
+def create_app(settings: Settings) -> FastAPI:
+    """The API with its ledger open; work is handed out once it is served.
+
+    Raises:
+        DataFolderError, LedgerError: the data folder cannot be used.
+    """
+    hub = Hub.opened(settings)
+
+    @asynccontextmanager
+    async def lifespan(_: FastAPI) -> AsyncIterator[None]:
+        hub.start()
+        try:
+            yield
+        finally:
+            hub.stop()
+
+    app = FastAPI(
+        title="HIDE-SEEK",
+        version=installed("hide-seek") or "0",
+        description="Evaluates policies that must remember. Additive changes only within v1.",
+        openapi_url=f"{API}/openapi.json",
+        docs_url=None,  # its page loads scripts from elsewhere
+        redoc_url=None,
+        lifespan=lifespan,
+    )
+    app.state.hub = hub
+    app.state.settings = settings
+    app.include_router(_api(), prefix=API, responses=ANY_PROBLEM)
+    app.include_router(internal.router, prefix=INTERNAL, include_in_schema=False)
+    app.add_middleware(Guard, hosts={*LOOPBACK, settings.host})
+    problems.install(app)
+    app.openapi = lambda: _described(app)  # type: ignore[method-assign]
+    return app
+
+
+def _described(app: FastAPI) -> dict[str, Any]:
+    """The OpenAPI document, with the problems that every route may answer."""
+    if app.openapi_schema is None:
+        document = get_openapi(
+            title=app.title,
+            version=app.version,
+            description=app.description,
+            routes=app.routes,
+        )
+        problem = ProblemDocument.model_json_schema()
+        document["components"]["schemas"]["ProblemDocument"] = problem
+        app.openapi_schema = document
+    return app.openapi_schema
+
+
+def _api() -> APIRouter:
+    api = APIRouter()
+    for routes in (catalogue, policies, evaluations, episodes, health):
+        api.include_router(routes.router)
+    return api

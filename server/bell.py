@@ -1,0 +1,43 @@
+"""Wakes those who wait for the ledger to change, wherever they wait."""
+
+import asyncio
+import threading
+
+
+class Bell:
+    """Rung from any thread; heard by the event loop's followers and by the reconciler."""
+
+    def __init__(self) -> None:
+        self.reconciler = threading.Event()
+        self.closing = False
+        self._loop: asyncio.AbstractEventLoop | None = None
+        self._changed: asyncio.Event | None = None
+
+    def attach(self) -> None:
+        """From now on the running event loop hears it."""
+        self._loop = asyncio.get_running_loop()
+        self._changed = asyncio.Event()
+
+    def ring(self) -> None:
+        """Something was committed."""
+        self.reconciler.set()
+        if self._loop is not None and not self._loop.is_closed():
+            self._loop.call_soon_threadsafe(self._tell)
+
+    def _tell(self) -> None:
+        assert self._changed is not None
+        self._changed.set()
+        self._changed = asyncio.Event()
+
+    async def wait(self, seconds: float) -> None:
+        """Returns when it rings, or after so long."""
+        assert self._changed is not None, "attach comes first"
+        try:
+            await asyncio.wait_for(self._changed.wait(), seconds)
+        except TimeoutError:
+            return
+
+    def close(self) -> None:
+        """Sends the followers home."""
+        self.closing = True
+        self.ring()

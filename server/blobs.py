@@ -1,0 +1,59 @@
+"""Files kept under their SHA-256: recordings and thumbnails. Written whole or not at all."""
+
+import hashlib
+import os
+from pathlib import Path
+
+from sqlalchemy.orm import Session
+
+from server.models import Blob
+
+RRD = "application/vnd.rerun.rrd"
+JPEG = "image/jpeg"
+
+
+class Blobs:
+    """A folder of blobs, `ab/cdef…`."""
+
+    def __init__(self, folder: Path):
+        self.folder = folder
+
+    def path(self, sha256: str) -> Path:
+        """Where a blob is, or would be."""
+        return self.folder / sha256[:2] / sha256[2:]
+
+    def take(self, file: Path, sha256: str) -> None:
+        """Moves a finished file of the same file system in, power cuts included."""
+        target = self.path(sha256)
+        target.parent.mkdir(parents=True, exist_ok=True)
+        with open(file, "rb") as content:
+            os.fsync(content.fileno())
+        file.replace(target)
+        sync_folder(target.parent)
+
+    def put(self, content: bytes) -> str:
+        """Keeps some bytes; their SHA-256."""
+        sha256 = hashlib.sha256(content).hexdigest()
+        if not self.path(sha256).exists():
+            part = self.folder / f".{sha256}.{os.urandom(4).hex()}.part"
+            part.parent.mkdir(parents=True, exist_ok=True)
+            part.write_bytes(content)
+            self.take(part, sha256)
+        return sha256
+
+
+def sync_folder(folder: Path) -> None:
+    """Makes a rename within a folder outlive a power cut."""
+    opened = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(opened)
+    finally:
+        os.close(opened)
+
+
+def note(session: Session, sha256: str, size: int, media_type: str) -> str:
+    """Enters a blob into the ledger, once."""
+    if session.get(Blob, sha256) is None:
+        session.add(Blob(sha256=sha256, size=size, media_type=media_type))
+        session.flush()
+    return sha256

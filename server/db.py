@@ -1,0 +1,146 @@
+"""The ledger's database file: opened, brought up to date, read from and written to.
+
+SQLite in WAL mode. A transaction that writes begins IMMEDIATE: one that reads first and then
+writes is refused by SQLite when another wrote in between, whatever the busy time-out is.
+"""
+
+import importlib.util
+import sqlite3
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager
+from pathlib import Path
+from typing import Any
+
+from alembic import command
+from alembic.config import Config
+from alembic.script import ScriptDirectory
+from alembic.util import CommandError
+from sqlalchemy import Connection, Engine, create_engine, event
+from sqlalchemy.orm import Session
+
+BUSY_TIMEOUT = 30.0  # s to wait for another writer
+
+
+class LedgerError(Exception):
+    """The database file cannot be used; the message is one line, and nothing was touched."""
+
+
+class Database:
+    """An open ledger.
+
+    Raises:
+        LedgerError: the file is corrupt, another program's, or of a newer version.
+    """
+
+    def __init__(self, path: Path):
+        self.path = path
+        self.after_commit: Callable[[], None] = lambda: None  # told of every committed write
+        examine(path)
+        self.engine = _engine(path)
+        self._writing = self.engine.execution_options(writes=True)
+        try:
+            migrate(self.engine)
+        except BaseException:
+            self.engine.dispose()
+            raise
+
+    @contextmanager
+    def reading(self) -> Iterator[Session]:
+        """A session on one consistent state of the ledger."""
+        with Session(self.engine) as session:
+            yield session
+
+    @contextmanager
+    def writing(self) -> Iterator[Session]:
+        """A session that holds the only right to write; it commits unless its block raises."""
+        with Session(self._writing, expire_on_commit=False) as session, session.begin():
+            yield session
+        self.after_commit()
+
+    def close(self) -> None:
+        """Let go of the file."""
+        self.engine.dispose()
+
+
+def _engine(path: Path) -> Engine:
+    engine = create_engine(f"sqlite:///{path}", connect_args={"timeout": BUSY_TIMEOUT})
+
+    @event.listens_for(engine, "connect")
+    def _prepare(connection: Any, _: object) -> None:
+        connection.isolation_level = None  # transactions are begun below, not by the driver
+        for pragma in ("journal_mode = WAL", "synchronous = FULL", "foreign_keys = ON"):
+            connection.execute(f"PRAGMA {pragma}")
+
+    @event.listens_for(engine, "begin")
+    def _begin(connection: Connection) -> None:
+        writes = connection.get_execution_options().get("writes", False)
+        connection.exec_driver_sql("BEGIN IMMEDIATE" if writes else "BEGIN")
+
+    return engine
+
+
+def examine(path: Path) -> None:
+    """Looks whether the file is a ledger that this version can use, or is not there yet.
+
+    Raises:
+        LedgerError: it is not.
+    """
+    if not path.exists():
+        return
+    try:
+        with closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True)) as opened:
+            verdict = opened.execute("PRAGMA quick_check(1)").fetchone()[0]
+            names = {name for (name,) in opened.execute("SELECT name FROM sqlite_master")}
+            revision = _revision(opened) if "alembic_version" in names else None
+    except sqlite3.DatabaseError as error:
+        raise LedgerError(
+            f"{path} cannot be read as a ledger: {error}. Restore it from a copy, or start with "
+            "another data folder."
+        ) from None
+    if verdict != "ok":
+        line = " ".join(str(verdict).split())
+        raise LedgerError(f"{path} is damaged: {line}. Restore it from a copy.")
+    if names and revision is None:
+        raise LedgerError(f"{path} is the database of another program; give another data folder.")
+    if revision and revision not in known_revisions():
+        raise LedgerError(
+            f"{path} was written by a newer version (revision {revision}; this version knows up "
+            f"to {known_revisions()[0]}). Update hide-seek."
+        )
+
+
+def _revision(connection: sqlite3.Connection) -> str | None:
+    row = connection.execute("SELECT version_num FROM alembic_version").fetchone()
+    return row and str(row[0])
+
+
+def known_revisions() -> list[str]:
+    """The revisions of the ledger that this version knows, newest first."""
+    return [one.revision for one in ScriptDirectory.from_config(migrations()).walk_revisions()]
+
+
+def migrations(connection: Connection | None = None) -> Config:
+    """Alembic's configuration; its commands then run on this connection."""
+    spec = importlib.util.find_spec("migrations")
+    assert spec is not None and spec.submodule_search_locations is not None
+    config = Config()
+    folder = spec.submodule_search_locations[0]
+    config.set_main_option("script_location", folder.replace("%", "%%"))
+    config.set_main_option("path_separator", "os")
+    config.attributes["connection"] = connection
+    return config
+
+
+def migrate(engine: Engine, revision: str = "head") -> None:
+    """Brings the tables to a revision, up or down, whole or not at all.
+
+    Raises:
+        LedgerError: there is no such revision.
+    """
+    with engine.execution_options(writes=True).begin() as connection:
+        try:
+            command.upgrade(migrations(connection), revision)
+        except CommandError as error:
+            raise LedgerError(str(error)) from None
+    with closing(engine.raw_connection()) as connection:  # a checkpoint wants no transaction
+        connection.cursor().execute("PRAGMA wal_checkpoint(TRUNCATE)")

@@ -1,0 +1,219 @@
+"""Episodes of evaluations: looked up, filtered, with their decisions and spans."""
+
+from typing import Any
+
+from sqlalchemy import Select, func, or_, select, tuple_
+from sqlalchemy.orm import Session
+
+from hide_tasks import load
+from hide_tasks.contract import Category, Failure, Rules
+from server.models import (
+    Decision,
+    Episode,
+    Evaluation,
+    HiddenChange,
+    HiddenSpan,
+    Policy,
+    PolicyVersion,
+)
+from server.paging import after, page
+from server.problems import not_found
+from server.schemas import (
+    ChangePublic,
+    DecisionPublic,
+    EpisodeDetail,
+    EpisodePublic,
+    FailureGroup,
+    Page,
+    SpanPublic,
+)
+from server.states import EpisodeState
+
+PARITY_BUDGET = 25  # decisions; hide_tasks.episode has it too, but brings the simulator along
+
+
+def row(session: Session, id: str) -> Episode:
+    """The episode with this id.
+
+    Raises:
+        Problem: 404, there is none.
+    """
+    if found := session.get(Episode, id):
+        return found
+    raise not_found("episode", id)
+
+
+def get(session: Session, id: str) -> EpisodeDetail:
+    """The episode with this id and what a reader wants beside it.
+
+    Raises:
+        Problem: 404, there is none.
+    """
+    episode = row(session, id)
+    checks = select(Decision.checks).where(Decision.episode_id == id)
+    last = session.scalar(checks.order_by(Decision.number.desc()).limit(1))
+    start = episode.start or {}
+    return EpisodeDetail.model_validate(
+        _fields(episode)
+        | {
+            "start": episode.start,
+            "budget": budget(episode),
+            "checks": last if last is not None else start.get("checks", {}),
+            "previous": _neighbour(session, episode, forwards=False),
+            "next": _neighbour(session, episode, forwards=True),
+        }
+    )
+
+
+def budget(episode: Episode) -> int:
+    """How many decisions the episode may take."""
+    rules: Rules = "parity" if episode.evaluation.rules == "parity" else "hide"
+    return PARITY_BUDGET if rules == "parity" else load(episode.task).budget()
+
+
+def _neighbour(session: Session, episode: Episode, *, forwards: bool) -> str | None:
+    here, there = tuple_(episode.task, episode.index), tuple_(Episode.task, Episode.index)
+    order = (Episode.task, Episode.index)
+    return session.scalar(
+        select(Episode.id)
+        .where(
+            Episode.evaluation_id == episode.evaluation_id,
+            there > here if forwards else there < here,
+        )
+        .order_by(*(order if forwards else [column.desc() for column in order]))
+        .limit(1)
+    )
+
+
+def listed(
+    session: Session,
+    *,
+    evaluation: str | None = None,
+    policy: str | None = None,
+    category: Category | None = None,
+    task: str | None = None,
+    failure: Failure | None = None,
+    success: bool | None = None,
+    exact: bool | None = None,
+    state: EpisodeState | None = None,
+    limit: int = 50,
+    cursor: str | None = None,
+) -> Page[EpisodePublic]:
+    """Episodes, those of the newest evaluation first, by task and index.
+
+    Raises:
+        Problem: 422, the cursor is not ours.
+    """
+    filters = {
+        Episode.evaluation_id: evaluation,
+        Episode.category: category,
+        Episode.task: task,
+        Episode.failure: failure,
+        Episode.success: success,
+        Episode.exact: exact,
+        Episode.state: state,
+    }
+    wanted = select(Episode).where(*(c == v for c, v in filters.items() if v is not None))
+    if policy is not None:
+        played = select(Evaluation.id).join(PolicyVersion).join(Policy).where(Policy.name == policy)
+        wanted = wanted.where(Episode.evaluation_id.in_(played))
+    rows = session.scalars(_from(wanted, cursor).limit(limit + 1)).all()
+    return page(rows, limit, lambda one: [one.evaluation_id, one.task, one.index], public)
+
+
+def _from(wanted: Select[Episode], cursor: str | None) -> Select[Episode]:
+    wanted = wanted.order_by(Episode.evaluation_id.desc(), Episode.task, Episode.index)
+    if place := after(cursor, [str, str, int]):
+        evaluation, task, index = place
+        further = tuple_(Episode.task, Episode.index) > tuple_(task, index)
+        same = (Episode.evaluation_id == evaluation) & further
+        wanted = wanted.where(or_(Episode.evaluation_id < evaluation, same))
+    return wanted
+
+
+def decisions(session: Session, id: str) -> list[DecisionPublic]:
+    """The decisions of an episode, in order; none while it is not final.
+
+    Raises:
+        Problem: 404, there is no such episode.
+    """
+    row(session, id)
+    found = select(Decision).where(Decision.episode_id == id).order_by(Decision.number)
+    return [DecisionPublic.model_validate(_decision(one)) for one in session.scalars(found)]
+
+
+def _decision(one: Decision) -> dict[str, Any]:
+    fields = {
+        name: getattr(one, name) for name in DecisionPublic.model_fields if name != "decision"
+    }
+    return fields | {"decision": one.number}
+
+
+def spans(session: Session, id: str) -> list[SpanPublic]:
+    """What held how long in an episode: hidden values, then the stage, then beliefs.
+
+    Raises:
+        Problem: 404, there is no such episode.
+    """
+    row(session, id)
+    order = ("hidden", "stage", "belief")
+    found = select(HiddenSpan).where(HiddenSpan.episode_id == id)
+    rows = sorted(
+        session.scalars(found), key=lambda one: (order.index(one.kind), one.name, one.number)
+    )
+    return [
+        SpanPublic.model_validate({name: getattr(one, name) for name in SpanPublic.model_fields})
+        for one in rows
+    ]
+
+
+def changes(session: Session, id: str) -> list[ChangePublic]:
+    """The hidden state at the start and after each of its changes.
+
+    Raises:
+        Problem: 404, there is no such episode.
+    """
+    row(session, id)
+    found = select(HiddenChange).where(HiddenChange.episode_id == id).order_by(HiddenChange.number)
+    return [
+        ChangePublic.model_validate(
+            {name: getattr(one, name) for name in ChangePublic.model_fields}
+        )
+        for one in session.scalars(found)
+    ]
+
+
+def failure_groups(session: Session, *, evaluation: str) -> list[FailureGroup]:
+    """How many episodes of an evaluation failed in which way, most frequent first."""
+    count = func.count()
+    found = session.execute(
+        select(Episode.category, Episode.task, Episode.failure, count)
+        .where(Episode.evaluation_id == evaluation, Episode.failure.is_not(None))
+        .group_by(Episode.category, Episode.task, Episode.failure)
+        .order_by(count.desc(), Episode.task, Episode.failure)
+    ).tuples()
+    return [
+        FailureGroup.model_validate(
+            {"category": category, "task": task, "failure": failure, "episodes": number}
+        )
+        for category, task, failure, number in found
+    ]
+
+
+def public(episode: Episode) -> EpisodePublic:
+    """An episode as the API gives it out."""
+    return EpisodePublic.model_validate(_fields(episode))
+
+
+def _fields(episode: Episode) -> dict[str, Any]:
+    own = {"evaluation", "policy", "recording", "thumbnail", "live"}
+    fields = {n: getattr(episode, n) for n in EpisodePublic.model_fields if n not in own}
+    path = f"/api/v1/episodes/{episode.id}"
+    live = episode.state == EpisodeState.RUNNING and episode.evaluation.recordings
+    return fields | {
+        "evaluation": episode.evaluation_id,
+        "policy": episode.evaluation.policy_version.policy.name,
+        "recording": f"{path}/recording.rrd" if episode.recording or live else None,
+        "live": live,
+        "thumbnail": f"{path}/thumbnail.jpg" if episode.thumbnail else None,
+    }

@@ -1,0 +1,303 @@
+"""Evaluations as they stand: looked up, listed, with their progress; and new ones asked for."""
+
+import hashlib
+from collections.abc import Iterable, Sequence
+from datetime import timedelta
+from functools import cache
+from typing import Any, NamedTuple
+
+from sqlalchemy import Integer, case, cast, func, select
+from sqlalchemy.orm import Session
+
+from hide_tasks import ALL_TASKS, UnknownTask, load, suite
+from hide_tasks.contract import EpisodeSpec
+from hide_tasks.sources import sources_hash
+from server import lifecycle, policies
+from server.models import Attempt, Episode, Evaluation, Event, Policy, PolicyVersion, Shard
+from server.paging import after, page
+from server.problems import invalid, not_found
+from server.schemas import (
+    AttemptPublic,
+    EvaluationCreate,
+    EvaluationPublic,
+    Page,
+    Progress,
+    RatePublic,
+    Verdicts,
+)
+from server.states import EpisodeState, EvaluationState, ShardState
+from workers.protocol import ReplayPolicy
+from workers.results import in_order
+
+LATELY = 20  # episodes by which the pace is told
+
+
+class Counts(NamedTuple):
+    """Episodes of an evaluation, counted."""
+
+    expected: int = 0
+    final: int = 0
+    running: int = 0
+    success: int = 0
+    exact: int = 0
+
+
+@cache
+def current_sources() -> dict[str, str]:
+    """Per task, the hash of the code that would play it now."""
+    return {task: sources_hash(task) for task in ALL_TASKS}
+
+
+# --- asked for ---
+
+
+def create(
+    session: Session, wanted: EvaluationCreate, idempotency_key: str | None = None
+) -> Evaluation:
+    """A new evaluation, or the one that the same key asked for before.
+
+    Raises:
+        Problem: 422, no such policy, task or number of episodes; 422, the key was used for
+            another request.
+    """
+    digest = hashlib.sha256(wanted.model_dump_json().encode()).hexdigest()
+    if idempotency_key is not None:
+        known = select(Evaluation).where(Evaluation.idempotency_key == idempotency_key)
+        if there := session.scalar(known):
+            return _same(there, digest)
+    version = policies.find(session, wanted.policy)
+    specs = _specs(wanted)
+    _check_replay(session, version, specs)
+    return lifecycle.create(
+        session,
+        version,
+        specs,
+        {task: current_sources()[task] for task in {spec.task for spec in specs}},
+        rules=wanted.rules,
+        priority=wanted.priority,
+        recordings=wanted.recordings,
+        idempotency_key=idempotency_key,
+        request_digest=digest,
+    )
+
+
+def _same(evaluation: Evaluation, digest: str) -> Evaluation:
+    if evaluation.request_digest != digest:
+        message = "was used for another request; choose a new key"
+        raise invalid("Idempotency-Key", message)
+    return evaluation
+
+
+def _specs(wanted: EvaluationCreate) -> list[EpisodeSpec]:
+    if wanted.tasks is not None and wanted.category is not None:
+        raise invalid("category", "excludes tasks; give one of them")
+    most = suite.SPLITS[wanted.split]
+    if wanted.episodes is not None and wanted.episodes > most:
+        raise invalid("episodes", f"is {wanted.episodes}; {wanted.split} has {most} a task")
+    try:
+        named = in_order(set(wanted.tasks if wanted.tasks is not None else ALL_TASKS))
+        tasks = [name for name in named if wanted.category in (None, load(name).category)]
+    except UnknownTask as error:
+        raise invalid("tasks", str(error)) from None
+    if not tasks:
+        raise invalid("category", f"has no task yet: {wanted.category}")
+    return [spec for task in tasks for spec in suite.episodes(task, wanted.split, wanted.episodes)]
+
+
+def _check_replay(session: Session, version: PolicyVersion, specs: Sequence[EpisodeSpec]) -> None:
+    """Refuses a replay of episodes that the evaluation it repeats does not have."""
+    if version.spec["kind"] != "replay":
+        return
+    source = ReplayPolicy.model_validate(version.spec).evaluation
+    there = set(
+        session.execute(
+            select(Episode.task, Episode.split, Episode.index).where(
+                Episode.evaluation_id == source, Episode.state == EpisodeState.FINAL
+            )
+        ).tuples()
+    )
+    for spec in specs:
+        if (spec.task, spec.split, spec.index) not in there:
+            raise invalid("policy", f"{source} has no final {spec.name} to replay")
+
+
+# --- looked up ---
+
+
+def row(session: Session, id: str) -> Evaluation:
+    """The evaluation with this id.
+
+    Raises:
+        Problem: 404, there is none.
+    """
+    if found := session.get(Evaluation, id):
+        return found
+    raise not_found("evaluation", id)
+
+
+def get(session: Session, id: str) -> EvaluationPublic:
+    """The evaluation with this id, as it stands.
+
+    Raises:
+        Problem: 404, there is none.
+    """
+    return public(session, row(session, id))
+
+
+def public(session: Session, evaluation: Evaluation) -> EvaluationPublic:
+    """An evaluation as the API gives it out."""
+    return _public_all(session, [evaluation])[0]
+
+
+def listed(
+    session: Session,
+    *,
+    state: EvaluationState | None = None,
+    policy: str | None = None,
+    limit: int = 50,
+    cursor: str | None = None,
+) -> Page[EvaluationPublic]:
+    """Evaluations, the newest first.
+
+    Raises:
+        Problem: 422, the cursor is not ours.
+    """
+    wanted = select(Evaluation).order_by(Evaluation.id.desc()).limit(limit + 1)
+    if state is not None:
+        wanted = wanted.where(Evaluation.state == state)
+    if policy is not None:
+        wanted = wanted.join(PolicyVersion).join(Policy).where(Policy.name == policy)
+    if place := after(cursor, [str]):
+        wanted = wanted.where(Evaluation.id < place[0])
+    rows = session.scalars(wanted).all()
+    shown = {one.id: one for one in _public_all(session, rows[:limit])}
+    return page(rows, limit, lambda one: [one.id], lambda one: shown[one.id])
+
+
+def attempts(session: Session, id: str) -> list[AttemptPublic]:
+    """Every attempt at an evaluation's shards, the newest first."""
+    found = (
+        select(Attempt)
+        .join(Shard)
+        .where(Shard.evaluation_id == row(session, id).id)
+        .order_by(Attempt.id.desc())
+    )
+    return [
+        AttemptPublic.model_validate(
+            {
+                "id": attempt.id,
+                "task": attempt.shard.task,
+                "fence": attempt.fence,
+                "state": attempt.state,
+                "reason": attempt.reason,
+                "leased": attempt.leased,
+                "ended": attempt.ended,
+            }
+        )
+        for attempt in session.scalars(found)
+    ]
+
+
+def last_event(session: Session, evaluation: str) -> int:
+    """The number of the newest event of an evaluation."""
+    newest = select(func.max(Event.seq)).where(Event.evaluation_id == evaluation)
+    return session.scalar(newest) or 0
+
+
+# --- counted ---
+
+
+def counts(session: Session, evaluations: Iterable[str]) -> dict[str, Counts]:
+    """Episodes by evaluation."""
+    found = session.execute(
+        select(
+            Episode.evaluation_id,
+            func.count(),
+            func.sum(case((Episode.state == EpisodeState.FINAL, 1), else_=0)),
+            func.sum(case((Episode.state == EpisodeState.RUNNING, 1), else_=0)),
+            func.coalesce(func.sum(cast(Episode.success, Integer)), 0),
+            func.coalesce(func.sum(cast(Episode.exact, Integer)), 0),
+        )
+        .where(Episode.evaluation_id.in_(list(evaluations)))
+        .group_by(Episode.evaluation_id)
+    ).tuples()
+    return {id: Counts(*numbers) for id, *numbers in found}
+
+
+def verdicts(counted: Counts) -> Verdicts:
+    """Both rates over the final episodes."""
+    return Verdicts(
+        success=RatePublic.of(counted.success, counted.final),
+        exact=RatePublic.of(counted.exact, counted.final),
+    )
+
+
+def progress(session: Session, evaluation: Evaluation, counted: Counts) -> Progress:
+    """How far it is, how fast it goes lately, and how long it will take."""
+    pace = _per_minute(session, evaluation) if evaluation.state == "running" else None
+    left = counted.expected - counted.final
+    return Progress(
+        expected=counted.expected,
+        final=counted.final,
+        running=counted.running,
+        per_minute=pace,
+        seconds_left=60 * left / pace if pace else None,
+    )
+
+
+def _per_minute(session: Session, evaluation: Evaluation) -> float | None:
+    newest = (
+        select(Episode.committed)
+        .where(Episode.evaluation_id == evaluation.id, Episode.committed.is_not(None))
+        .order_by(Episode.committed.desc())
+        .limit(LATELY)
+    )
+    times = [time for time in session.scalars(newest) if time]
+    if len(times) < 2 or times[0] - times[-1] < timedelta(milliseconds=1):
+        return None
+    return 60 * (len(times) - 1) / (times[0] - times[-1]).total_seconds()
+
+
+def _public_all(session: Session, rows: Sequence[Evaluation]) -> list[EvaluationPublic]:
+    counted = counts(session, [one.id for one in rows])
+    return [_public(session, one, counted.get(one.id, Counts())) for one in rows]
+
+
+def _public(session: Session, one: Evaluation, counted: Counts) -> EvaluationPublic:
+    version = one.policy_version
+    fields: dict[str, Any] = {
+        "policy": version.policy.name,
+        "version": version.number,
+        "policy_version": version.id,
+        "reference": version.reference,
+        "suite": f"{one.suite} {one.suite_version}",
+        "reason": one.reason or _why_it_waits(session, one),
+        "progress": progress(session, one, counted),
+        "verdicts": verdicts(counted),
+        "last_event": last_event(session, one.id),
+    }
+    same = "id state desired split rules tasks episodes priority recordings created started ended"
+    fields |= {name: getattr(one, name) for name in same.split()}
+    return EvaluationPublic.model_validate(fields)
+
+
+def _why_it_waits(session: Session, one: Evaluation) -> str | None:
+    if one.desired == "cancelled" and one.state == EvaluationState.RUNNING:
+        return "stopping what runs"
+    if one.state != EvaluationState.QUEUED:
+        return None
+    before = session.scalar(
+        select(func.count(Shard.id))
+        .join(Evaluation)
+        .where(
+            Shard.state.in_([ShardState.PENDING, ShardState.LEASED]),
+            Evaluation.id != one.id,
+            (Evaluation.priority > one.priority)
+            | ((Evaluation.priority == one.priority) & (Evaluation.id < one.id)),
+        )
+    )
+    return (
+        f"waits for a worker; {before} shards of others are before it"
+        if before
+        else ("waits for a worker")
+    )

@@ -1,0 +1,103 @@
+"""What the parts of a running server share: its ledger, its files, its engine."""
+
+import shutil
+from dataclasses import dataclass, field
+
+from server import evaluations, first_run, lifecycle, policies
+from server.bell import Bell
+from server.blobs import Blobs
+from server.data_folder import DataFolder
+from server.db import Database
+from server.growing import GrowingRecordings
+from server.reconciler import Reconciler
+from server.settings import Settings
+from workers.engines.engine import Engine
+
+WORKERS_LOG = "workers.log"
+RESERVE = 500 * 2**20  # bytes of disk below which nothing more is handed out
+
+
+@dataclass
+class Hub:
+    """A server's parts. Made by `opened`, started and stopped by the application."""
+
+    settings: Settings
+    folder: DataFolder
+    database: Database
+    bell: Bell = field(default_factory=Bell)
+    engine: Engine | None = None
+    reconciler: Reconciler | None = None
+
+    @classmethod
+    def opened(cls, settings: Settings) -> "Hub":
+        """A hub that holds the data folder, with the ledger up to date.
+
+        Raises:
+            DataFolderError, LedgerError: the folder or its ledger cannot be used.
+        """
+        folder = DataFolder(settings.data)
+        try:
+            hub = cls(settings, folder, Database(folder.ledger))
+        except BaseException:
+            folder.close()
+            raise
+        hub.database.after_commit = hub.bell.ring
+        return hub
+
+    def __post_init__(self) -> None:
+        self.blobs = Blobs(self.folder.blobs)
+        self.recordings = GrowingRecordings(self.folder.growing)
+
+    @property
+    def address(self) -> str:
+        """Where workers of this machine reach the server."""
+        host = "127.0.0.1" if self.settings.host in ("0.0.0.0", "localhost") else self.settings.host
+        return f"http://{f'[{host}]' if ':' in host else host}:{self.settings.port}"
+
+    def start(self) -> None:
+        """Takes up what was left, and begins to hand out work; the event loop is running."""
+        self.bell.attach()
+        self.recordings.clear()
+        with self.database.writing() as session:
+            policies.register_builtin(session)
+            lifecycle.recover(session, evaluations.current_sources())
+            if self.settings.references:
+                first_run.evaluate_references(session)
+        if self.settings.workers:
+            self._start_workers(self.settings.workers)
+
+    def _start_workers(self, count: int) -> None:
+        from workers.engines.local import LocalEngine
+        from workers.supervisor import run_shard
+
+        self.engine = LocalEngine(
+            run_shard,
+            workers=count,
+            log=self.folder.logs / WORKERS_LOG,
+            on_ended=self.bell.reconciler.set,
+        )
+        self.reconciler = Reconciler(
+            self.database,
+            self.engine,
+            self.recordings,
+            self.bell,
+            server=self.address,
+            slots=count,
+            episode_limit=self.settings.episode_limit,
+            may_hand_out=self.has_room,
+        )
+        self.reconciler.start()
+
+    def has_room(self) -> bool:
+        """True while the disk has room for what is measured."""
+        return shutil.disk_usage(self.folder.path).free > RESERVE
+
+    def stop(self) -> None:
+        """Stops workers and lets go of the data folder; nothing that is final is lost."""
+        self.bell.close()
+        if self.reconciler:
+            self.reconciler.stop()
+        if self.engine:
+            self.engine.close()
+        self.database.close()
+        self.folder.close()

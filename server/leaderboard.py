@@ -1,0 +1,145 @@
+"""The leaderboard: complete evaluations of the whole suite, both verdicts, with intervals.
+
+A policy version stands there with its latest complete evaluation, not its best: the best of many
+tries is a lucky one. What covers less than the whole split is not shown at all.
+"""
+
+from collections import defaultdict
+from collections.abc import Iterable
+from statistics import fmean
+
+from sqlalchemy import Integer, cast, func, select
+from sqlalchemy.orm import Session
+
+from hide_tasks import ALL_TASKS, suite
+from hide_tasks.contract import Category, Split
+from server import tasks
+from server.evaluations import Counts, verdicts
+from server.models import Episode, Evaluation
+from server.schemas import Leaderboard, LeaderboardColumn, LeaderboardRow, Verdict, Verdicts
+from server.states import EvaluationState
+
+ByTask = dict[str, Counts]
+
+
+def leaderboard(
+    session: Session, *, split: Split = "test", verdict: Verdict = "success"
+) -> Leaderboard:
+    """The leaderboard of a split, best first by a verdict; reference policies follow."""
+    shown, others = _latest(session, split)
+    counted = _counted(session, [one.id for one in shown])
+    rows = [_row(one, counted[one.id]) for one in shown]
+    rows.sort(key=lambda row: (row.reference, -(getattr(row.overall, verdict).value or 0.0)))
+    return Leaderboard(
+        suite=f"{suite.SUITE} {suite.VERSION}",
+        split=split,
+        verdict=verdict,
+        columns=columns(),
+        ceilings=ceilings(verdict),
+        rows=list(_ranked(rows, verdict)),
+        unlisted=others,
+    )
+
+
+def columns() -> list[LeaderboardColumn]:
+    """The tasks by category."""
+    return [
+        LeaderboardColumn(task=one.name, category=one.category, certificate=one.certificate)
+        for one in tasks.catalogue()
+    ]
+
+
+def ceilings(verdict: Verdict) -> dict[str, float | None]:
+    """The most that is possible without memory: per task, per category, overall."""
+    found: dict[str, float | None] = {}
+    groups: dict[str, list[float | None]] = defaultdict(list)
+    for column in columns():
+        proof = column.certificate
+        ceiling = getattr(proof, f"ceiling_{verdict}") if proof else None
+        found[column.task] = ceiling
+        for group in (str(column.category), "overall"):
+            groups[group].append(ceiling)
+    return found | {name: _mean(values) for name, values in groups.items()}
+
+
+def _mean(values: Iterable[float | None]) -> float | None:
+    known = list(values)
+    return fmean(value for value in known if value is not None) if None not in known else None
+
+
+def _latest(session: Session, split: Split) -> tuple[list[Evaluation], int]:
+    """The latest whole evaluation of each policy version, and how many others there are."""
+    found = session.scalars(
+        select(Evaluation).where(Evaluation.split == split).order_by(Evaluation.id.desc())
+    ).all()
+    shown: dict[str, Evaluation] = {}
+    for one in found:
+        if _is_whole(one):
+            shown.setdefault(one.policy_version_id, one)
+    return list(shown.values()), len(found) - len(shown)
+
+
+def _is_whole(one: Evaluation) -> bool:
+    return (
+        one.state == EvaluationState.COMPLETED
+        and one.rules == "hide"
+        and (one.suite, one.suite_version) == (suite.SUITE, suite.VERSION)
+        and set(one.tasks) == set(ALL_TASKS)
+        and one.episodes == suite.SPLITS.get(one.split, 0)  # type: ignore[call-overload]
+    )
+
+
+def _counted(session: Session, evaluations: list[str]) -> dict[str, ByTask]:
+    found = session.execute(
+        select(
+            Episode.evaluation_id,
+            Episode.task,
+            func.count(),
+            func.sum(cast(Episode.success, Integer)),
+            func.sum(cast(Episode.exact, Integer)),
+        )
+        .where(Episode.evaluation_id.in_(evaluations))
+        .group_by(Episode.evaluation_id, Episode.task)
+    ).tuples()
+    counted: dict[str, ByTask] = defaultdict(dict)
+    for evaluation, task, episodes, success, exact in found:
+        counted[evaluation][task] = Counts(episodes, episodes, 0, success, exact)
+    return counted
+
+
+def _row(one: Evaluation, counted: ByTask) -> LeaderboardRow:
+    assert one.ended is not None, "a completed evaluation has ended"
+    category = {column.task: str(column.category) for column in columns()}
+    groups = {
+        str(name): together(c for task, c in counted.items() if category[task] == name)
+        for name in Category
+    }
+    return LeaderboardRow(
+        rank=None,
+        evaluation=one.id,
+        policy=one.policy_version.policy.name,
+        version=one.policy_version.number,
+        reference=one.policy_version.reference,
+        ended=one.ended,
+        tasks={task: verdicts(c) for task, c in counted.items()},
+        categories=groups,
+        overall=together(counted.values()),
+    )
+
+
+def together(counted: Iterable[Counts]) -> Verdicts:
+    """Both rates over several tasks' episodes; each task has as many, so each weighs the same."""
+    return verdicts(Counts(*(sum(column) for column in zip(*counted, strict=True))))
+
+
+def _ranked(rows: Iterable[LeaderboardRow], verdict: Verdict) -> Iterable[LeaderboardRow]:
+    """Numbers the rows that are ranked; equal rates share a rank."""
+    last, rank = None, 0
+    for place, row in enumerate(rows, start=1):
+        if row.reference:
+            yield row
+            continue
+        value = getattr(row.overall, verdict).value
+        rank = rank if value == last else place
+        last = value
+        yield row.model_copy(update={"rank": rank})

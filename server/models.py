@@ -1,0 +1,298 @@
+"""The tables of the ledger. It is the only truth: what an engine or a worker says is checked
+against it, and what it holds of a final episode never changes.
+"""
+
+from datetime import UTC, datetime
+from typing import Any, ClassVar
+
+from sqlalchemy import (
+    JSON,
+    CheckConstraint,
+    DateTime,
+    Dialect,
+    ForeignKey,
+    Index,
+    String,
+    TypeDecorator,
+    UniqueConstraint,
+    text,
+)
+from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column, relationship
+from ulid import ULID
+
+Id = String(32)
+Digest = String(64)
+Name = String(80)
+
+
+class Utc(TypeDecorator[datetime]):
+    """A moment in UTC; databases without time zones keep it without one."""
+
+    impl = DateTime
+    cache_ok = True
+
+    def process_bind_param(self, value: datetime | None, _: Dialect) -> datetime | None:
+        return value.astimezone(UTC).replace(tzinfo=None) if value else None
+
+    def process_result_value(self, value: datetime | None, _: Dialect) -> datetime | None:
+        return value.replace(tzinfo=UTC) if value else None
+
+
+def new_id(prefix: str) -> str:
+    """A new identifier that sorts by time, e.g. 'ev_01J…'."""
+    return f"{prefix}_{ULID()}"
+
+
+def now() -> datetime:
+    """This moment, in UTC."""
+    return datetime.now(UTC)
+
+
+class Base(DeclarativeBase):
+    type_annotation_map: ClassVar[Any] = {
+        datetime: Utc,
+        dict[str, Any]: JSON,
+        list[Any]: JSON,
+        Any: JSON,
+    }
+
+
+class Policy(Base):
+    """A policy by name."""
+
+    __tablename__ = "policies"
+    id: Mapped[str] = mapped_column(Id, primary_key=True)
+    name: Mapped[str] = mapped_column(Name, unique=True)
+    created: Mapped[datetime] = mapped_column(default=now)
+    versions: Mapped[list["PolicyVersion"]] = relationship(back_populates="policy")
+
+
+class PolicyVersion(Base):
+    """What is played under a policy's name; it never changes."""
+
+    __tablename__ = "policy_versions"
+    __table_args__ = (UniqueConstraint("policy_id", "number"),)
+    id: Mapped[str] = mapped_column(Id, primary_key=True)
+    policy_id: Mapped[str] = mapped_column(ForeignKey("policies.id"))
+    number: Mapped[int]
+    description: Mapped[str] = mapped_column(default="")
+    spec: Mapped[dict[str, Any]]
+    reference: Mapped[bool] = mapped_column(default=False)
+    created: Mapped[datetime] = mapped_column(default=now)
+    policy: Mapped[Policy] = relationship(back_populates="versions", lazy="joined")
+
+
+class Evaluation(Base):
+    """A policy version that is played on a split of the suite."""
+
+    __tablename__ = "evaluations"
+    __table_args__ = (Index("evaluations_by_state", "state", "id"),)
+    id: Mapped[str] = mapped_column(Id, primary_key=True)
+    policy_version_id: Mapped[str] = mapped_column(ForeignKey("policy_versions.id"), index=True)
+    suite: Mapped[str] = mapped_column(Name)
+    suite_version: Mapped[int]
+    split: Mapped[str] = mapped_column(Name)
+    rules: Mapped[str] = mapped_column(Name)
+    tasks: Mapped[list[Any]]
+    episodes: Mapped[int]  # per task
+    sources: Mapped[dict[str, Any]]  # per task, the code that plays it
+    machine: Mapped[dict[str, Any]]  # where it is played
+    priority: Mapped[int] = mapped_column(default=0)
+    recordings: Mapped[bool] = mapped_column(default=True)
+    state: Mapped[str] = mapped_column(Name, default="queued")
+    desired: Mapped[str] = mapped_column(Name, default="finished")
+    reason: Mapped[str | None]
+    created: Mapped[datetime] = mapped_column(default=now)
+    started: Mapped[datetime | None]
+    ended: Mapped[datetime | None]
+    idempotency_key: Mapped[str | None] = mapped_column(String(200), unique=True)
+    request_digest: Mapped[str | None] = mapped_column(Digest)
+    policy_version: Mapped[PolicyVersion] = relationship(lazy="joined")
+
+
+class Shard(Base):
+    """Up to five episodes of one task of an evaluation; what is handed out as a whole."""
+
+    __tablename__ = "shards"
+    __table_args__ = (
+        UniqueConstraint("evaluation_id", "task", "first_index"),
+        Index("shards_by_state", "state", "evaluation_id"),
+    )
+    id: Mapped[str] = mapped_column(Id, primary_key=True)
+    evaluation_id: Mapped[str] = mapped_column(ForeignKey("evaluations.id"))
+    task: Mapped[str] = mapped_column(Name)
+    first_index: Mapped[int]
+    state: Mapped[str] = mapped_column(Name, default="pending")
+    fence: Mapped[int] = mapped_column(default=0)  # the number of its newest attempt
+    faults: Mapped[int] = mapped_column(default=0)  # attempts lost since it was last resumed
+    reason: Mapped[str | None]  # why the last attempt was lost
+    evaluation: Mapped[Evaluation] = relationship()
+    episodes: Mapped[list["Episode"]] = relationship(
+        back_populates="shard", order_by="Episode.index"
+    )
+
+
+class Attempt(Base):
+    """One try at running a shard; while it is open, it alone may commit the shard's episodes."""
+
+    __tablename__ = "attempts"
+    __table_args__ = (
+        UniqueConstraint("shard_id", "fence"),
+        Index(
+            "one_open_attempt",
+            "shard_id",
+            unique=True,
+            sqlite_where=text("state = 'open'"),
+            postgresql_where=text("state = 'open'"),
+        ),
+        Index("attempts_by_state", "state"),
+    )
+    id: Mapped[str] = mapped_column(Id, primary_key=True)  # also the engine's key
+    shard_id: Mapped[str] = mapped_column(ForeignKey("shards.id"))
+    fence: Mapped[int]
+    engine: Mapped[str] = mapped_column(Name)
+    state: Mapped[str] = mapped_column(Name, default="open")
+    token_hash: Mapped[str] = mapped_column(Digest)
+    leased: Mapped[datetime] = mapped_column(default=now)
+    deadline: Mapped[datetime]
+    ended: Mapped[datetime | None]
+    reason: Mapped[str | None]
+    shard: Mapped[Shard] = relationship()
+
+
+class Episode(Base):
+    """One episode of an evaluation; final once it is committed."""
+
+    __tablename__ = "episodes"
+    __table_args__ = (
+        UniqueConstraint("evaluation_id", "task", "index"),
+        Index("episodes_by_failure", "evaluation_id", "failure", "category"),
+        Index("episodes_by_shard", "shard_id"),
+        CheckConstraint(
+            "(state = 'final') = (digest IS NOT NULL AND success IS NOT NULL "
+            "AND exact IS NOT NULL AND committed IS NOT NULL)",
+            name="final_is_whole",
+        ),
+        CheckConstraint("exact IS NULL OR exact = (failure IS NULL)", name="exact_has_no_failure"),
+    )
+    id: Mapped[str] = mapped_column(Id, primary_key=True)
+    evaluation_id: Mapped[str] = mapped_column(ForeignKey("evaluations.id"))
+    shard_id: Mapped[str] = mapped_column(ForeignKey("shards.id"))
+    task: Mapped[str] = mapped_column(Name)
+    category: Mapped[str] = mapped_column(Name)
+    split: Mapped[str] = mapped_column(Name)
+    index: Mapped[int]
+    variation: Mapped[dict[str, Any]]
+    draw: Mapped[int]
+    state: Mapped[str] = mapped_column(Name, default="pending")
+    fence: Mapped[int] = mapped_column(default=0)  # of the attempt that plays or committed it
+    started: Mapped[datetime | None]
+    # Known once it is final:
+    success: Mapped[bool | None]
+    exact: Mapped[bool | None]
+    failure: Mapped[str | None] = mapped_column(Name)
+    detail: Mapped[str] = mapped_column(default="")
+    instruction: Mapped[str | None]
+    decisions: Mapped[int | None]  # how many
+    stage: Mapped[str | None]
+    scene_hash: Mapped[str | None] = mapped_column(Digest)
+    final_state_hash: Mapped[str | None] = mapped_column(Digest)
+    start: Mapped[dict[str, Any] | None] = mapped_column(JSON(none_as_null=True))
+    timing: Mapped[dict[str, Any] | None] = mapped_column(JSON(none_as_null=True))
+    digest: Mapped[str | None] = mapped_column(Digest)
+    recording: Mapped[str | None] = mapped_column(ForeignKey("blobs.sha256"))
+    thumbnail: Mapped[str | None] = mapped_column(ForeignKey("blobs.sha256"))
+    committed: Mapped[datetime | None]
+    shard: Mapped[Shard] = relationship(back_populates="episodes")
+    evaluation: Mapped[Evaluation] = relationship(lazy="joined")
+
+
+class Decision(Base):
+    """One decision of an episode, with the hidden state after it: the truth."""
+
+    __tablename__ = "decisions"
+    __table_args__ = ({"sqlite_with_rowid": False},)
+    episode_id: Mapped[str] = mapped_column(ForeignKey("episodes.id"), primary_key=True)
+    number: Mapped[int] = mapped_column(primary_key=True)
+    time: Mapped[float]  # simulated seconds at its end
+    action: Mapped[dict[str, Any]]
+    outcome: Mapped[str] = mapped_column(Name)
+    retried: Mapped[bool]
+    path: Mapped[str] = mapped_column(Name)
+    stage: Mapped[str]
+    hidden: Mapped[dict[str, Any]]
+    checks: Mapped[dict[str, Any]]
+    success: Mapped[bool]
+    events: Mapped[list[Any]]
+    violations: Mapped[list[Any]]
+    belief: Mapped[dict[str, Any] | None] = mapped_column(JSON(none_as_null=True))
+
+
+class HiddenChange(Base):
+    """The hidden state from a moment on, seen at 20 Hz: a row for every change, also in a chunk."""
+
+    __tablename__ = "hidden_changes"
+    __table_args__ = ({"sqlite_with_rowid": False},)
+    episode_id: Mapped[str] = mapped_column(ForeignKey("episodes.id"), primary_key=True)
+    number: Mapped[int] = mapped_column(primary_key=True)
+    time: Mapped[float]
+    decision: Mapped[int]
+    stage: Mapped[str]
+    hidden: Mapped[dict[str, Any]]
+
+
+class HiddenSpan(Base):
+    """A value that held from one moment to another; derived from the two tables above."""
+
+    __tablename__ = "hidden_spans"
+    __table_args__ = (
+        Index("hidden_spans_by_name", "kind", "name"),
+        {"sqlite_with_rowid": False},
+    )
+    episode_id: Mapped[str] = mapped_column(ForeignKey("episodes.id"), primary_key=True)
+    kind: Mapped[str] = mapped_column(Name, primary_key=True)  # hidden, stage, belief
+    name: Mapped[str] = mapped_column(Name, primary_key=True)
+    number: Mapped[int] = mapped_column(primary_key=True)
+    value: Mapped[Any] = mapped_column(JSON)
+    decision_from: Mapped[int]
+    decision_to: Mapped[int]
+    time_from: Mapped[float]
+    time_to: Mapped[float]
+
+
+class Event(Base):
+    """Something that happened to an evaluation; the pages and clients follow it."""
+
+    __tablename__ = "events"
+    __table_args__ = (
+        Index("events_by_evaluation", "evaluation_id", "seq"),
+        {"sqlite_autoincrement": True},
+    )
+    seq: Mapped[int] = mapped_column(primary_key=True)
+    time: Mapped[datetime] = mapped_column(default=now)
+    evaluation_id: Mapped[str] = mapped_column(ForeignKey("evaluations.id"))
+    kind: Mapped[str] = mapped_column(Name)
+    payload: Mapped[dict[str, Any]]
+
+
+class Blob(Base):
+    """A file that is kept under its SHA-256."""
+
+    __tablename__ = "blobs"
+    sha256: Mapped[str] = mapped_column(Digest, primary_key=True)
+    size: Mapped[int]  # bytes
+    media_type: Mapped[str] = mapped_column(Name)
+    created: Mapped[datetime] = mapped_column(default=now)
+
+
+class Divergence(Base):
+    """A second, different result of a final episode: an alarm, never a score."""
+
+    __tablename__ = "divergences"
+    id: Mapped[str] = mapped_column(Id, primary_key=True)
+    episode_id: Mapped[str] = mapped_column(ForeignKey("episodes.id"), index=True)
+    attempt_id: Mapped[str] = mapped_column(ForeignKey("attempts.id"))
+    kept: Mapped[str] = mapped_column(Digest)
+    other: Mapped[str] = mapped_column(Digest)
+    result: Mapped[dict[str, Any]]
+    created: Mapped[datetime] = mapped_column(default=now)

@@ -1,0 +1,111 @@
+"""Policies and their versions: registered, found by name or id."""
+
+import difflib
+
+from sqlalchemy import func, select
+from sqlalchemy.orm import Session
+
+from server.models import Evaluation, Policy, PolicyVersion, new_id
+from server.problems import Problem, invalid
+from server.schemas import PolicyCreate, PolicyVersionPublic
+from workers.policies import BUILTIN
+from workers.protocol import BuiltInPolicy, ReplayPolicy
+
+ABOUT = {
+    "expert": "Follows the task's script with the hidden state in hand.",
+    "amnesiac": "Perfect sight and skill, and no memory.",
+    "random": "Moves to random poses.",
+    "noop": "Does nothing.",
+}
+
+
+def register_builtin(session: Session) -> None:
+    """Makes sure that the built-in policies are there."""
+    there = set(session.scalars(select(Policy.name)))
+    for name in BUILTIN:
+        if name not in there:
+            spec = BuiltInPolicy(name=name)
+            register(session, PolicyCreate(name=name, description=ABOUT[name], spec=spec), True)
+
+
+def register(session: Session, wanted: PolicyCreate, reference: bool = False) -> PolicyVersion:
+    """A policy's next version.
+
+    Raises:
+        Problem: the name is a built-in policy's, or the replay's evaluation does not exist.
+    """
+    if not reference and wanted.name in BUILTIN:
+        raise invalid("name", f"'{wanted.name}' is a built-in policy; choose another name")
+    spec = wanted.spec
+    if isinstance(spec, ReplayPolicy) and session.get(Evaluation, spec.evaluation) is None:
+        raise invalid("spec.evaluation", f"no evaluation '{spec.evaluation}'")
+    policy = session.scalar(select(Policy).where(Policy.name == wanted.name))
+    if policy is None:
+        policy = Policy(id=new_id("po"), name=wanted.name)
+        session.add(policy)
+        session.flush()
+    newest = func.coalesce(func.max(PolicyVersion.number), 0)
+    count = session.scalar(select(newest).where(PolicyVersion.policy_id == policy.id)) or 0
+    version = PolicyVersion(
+        id=new_id("pv"),
+        policy=policy,
+        number=count + 1,
+        description=wanted.description,
+        spec=spec.model_dump(mode="json"),
+        reference=reference,
+    )
+    session.add(version)
+    session.flush()
+    return version
+
+
+def find(session: Session, text: str) -> PolicyVersion:
+    """The version that an id, a name (the newest) or name@version names.
+
+    Raises:
+        Problem: there is none; it names the nearest.
+    """
+    if found := session.get(PolicyVersion, text):
+        return found
+    name, _, number = text.rpartition("@") if "@" in text else (text, "", "")
+    wanted = select(PolicyVersion).join(Policy)
+    if number.isdecimal() and len(number) < 10:
+        exact = wanted.where(Policy.name == name, PolicyVersion.number == int(number))
+        if found := session.scalar(exact):
+            return found
+    newest = wanted.where(Policy.name == text).order_by(PolicyVersion.number.desc()).limit(1)
+    if found := session.scalar(newest):
+        return found
+    raise _unknown(session, text)
+
+
+def _unknown(session: Session, text: str) -> Problem:
+    names = list(session.scalars(select(Policy.name).order_by(Policy.name).limit(500)))
+    near = difflib.get_close_matches(text, names, n=1, cutoff=0.5)
+    hint = f"; did you mean {near[0]}?" if near else f"; there are {', '.join(names[:20])}"
+    return invalid("policy", f"no policy '{text}'{hint}")
+
+
+def versions(session: Session) -> list[PolicyVersionPublic]:
+    """Every version of every policy: built-in ones first, then by name, the newest first."""
+    found = (
+        select(PolicyVersion)
+        .join(Policy)
+        .order_by(PolicyVersion.reference.desc(), Policy.name, PolicyVersion.number.desc())
+    )
+    return [public(version) for version in session.scalars(found)]
+
+
+def public(version: PolicyVersion) -> PolicyVersionPublic:
+    """A version as the API gives it out."""
+    return PolicyVersionPublic.model_validate(
+        {
+            "id": version.id,
+            "policy": version.policy.name,
+            "version": version.number,
+            "description": version.description,
+            "spec": version.spec,
+            "reference": version.reference,
+            "created": version.created,
+        }
+    )

@@ -1,0 +1,30 @@
+"""Tasks and the leaderboard."""
+
+from fastapi import APIRouter
+
+from hide_tasks.contract import Split
+from server import leaderboard, tasks
+from server.deps import Reading
+from server.schemas import Leaderboard, TaskPublic, Verdict
+
+router = APIRouter(tags=["catalogue"])
+
+
+@router.get("/tasks")
+def list_tasks() -> list[TaskPublic]:
+    """Every task of the suite."""
+    return tasks.catalogue()
+
+
+@router.get("/tasks/{task}")
+def get_task(task: str) -> TaskPublic:
+    """One task: language, variations, hidden state, certificate."""
+    return tasks.task(task)
+
+
+@router.get("/leaderboard")
+def get_leaderboard(
+    session: Reading, split: Split = "test", verdict: Verdict = "success"
+) -> Leaderboard:
+    """Complete evaluations of the whole suite, best first."""
+    return leaderboard.leaderboard(session, split=split, verdict=verdict)

@@ -1,0 +1,172 @@
+"""Episodes: filtered, one by one, with decisions, hidden states and recordings."""
+
+import asyncio
+from collections.abc import AsyncIterator
+from typing import Annotated
+
+from fastapi import APIRouter, Query, Response
+from fastapi.responses import FileResponse, StreamingResponse
+from sqlalchemy.orm import Session
+
+from hide_tasks.contract import Category, Failure
+from server import blobs, episodes, evaluations
+from server.deps import Cursor, EpisodeId, EvaluationId, Limit, Reading, TheHub
+from server.growing import Growing
+from server.hub import Hub
+from server.problems import not_found
+from server.schemas import (
+    ChangePublic,
+    DecisionPublic,
+    EpisodeDetail,
+    EpisodePublic,
+    Page,
+    SpanPublic,
+)
+from server.states import EpisodeState
+
+router = APIRouter(tags=["episodes"])
+FOR_EVER = {"Cache-Control": "private, max-age=31536000, immutable"}
+NEVER = {"Cache-Control": "no-store"}
+PATIENCE = 5.0  # s to wait for the first bytes of a running episode's recording
+Text = Annotated[str | None, Query(max_length=80)]
+
+
+@router.get("/episodes")
+def list_episodes(
+    session: Reading,
+    evaluation: Text = None,
+    policy: Text = None,
+    category: Category | None = None,
+    task: Text = None,
+    failure: Failure | None = None,
+    success: bool | None = None,
+    exact: bool | None = None,
+    state: EpisodeState | None = None,
+    limit: Limit = 50,
+    cursor: Cursor = None,
+) -> Page[EpisodePublic]:
+    """Episodes of all evaluations, those of the newest first."""
+    return episodes.listed(
+        session,
+        evaluation=evaluation,
+        policy=policy,
+        category=category,
+        task=task,
+        failure=failure,
+        success=success,
+        exact=exact,
+        state=state,
+        limit=limit,
+        cursor=cursor,
+    )
+
+
+@router.get("/evaluations/{evaluation}/episodes")
+def list_episodes_of_evaluation(
+    evaluation: EvaluationId,
+    session: Reading,
+    category: Category | None = None,
+    task: Text = None,
+    failure: Failure | None = None,
+    success: bool | None = None,
+    exact: bool | None = None,
+    state: EpisodeState | None = None,
+    limit: Limit = 50,
+    cursor: Cursor = None,
+) -> Page[EpisodePublic]:
+    """Episodes of one evaluation, by task and index."""
+    return episodes.listed(
+        session,
+        evaluation=evaluation,
+        category=category,
+        task=task,
+        failure=failure,
+        success=success,
+        exact=exact,
+        state=state,
+        limit=limit,
+        cursor=cursor,
+    )
+
+
+@router.get("/episodes/{episode}")
+def get_episode(episode: str, session: Reading) -> EpisodeDetail:
+    """One episode: verdicts, hashes, timing."""
+    return episodes.get(session, episode)
+
+
+@router.get("/episodes/{episode}/decisions")
+def list_decisions(episode: str, session: Reading) -> list[DecisionPublic]:
+    """Every decision with the hidden state after it."""
+    return episodes.decisions(session, episode)
+
+
+@router.get("/episodes/{episode}/changes")
+def list_changes(episode: str, session: Reading) -> list[ChangePublic]:
+    """The hidden state at the start and after each of its changes, seen 20 times a second."""
+    return episodes.changes(session, episode)
+
+
+@router.get("/episodes/{episode}/spans")
+def list_spans(episode: str, session: Reading) -> list[SpanPublic]:
+    """What held from when to when: hidden values, the stage, beliefs."""
+    return episodes.spans(session, episode)
+
+
+@router.get(
+    "/episodes/{episode}/thumbnail.jpg",
+    response_class=FileResponse,
+    responses={200: {"content": {blobs.JPEG: {}}}},
+)
+def get_thumbnail(episode: str, session: Reading, hub: TheHub) -> FileResponse:
+    """What the front camera saw last."""
+    sha256 = episodes.row(session, episode).thumbnail
+    if sha256 is None:
+        raise not_found("thumbnail of episode", episode)
+    return FileResponse(hub.blobs.path(sha256), media_type=blobs.JPEG, headers=FOR_EVER)
+
+
+@router.get(
+    "/episodes/{episode}/recording.rrd",
+    response_class=Response,
+    responses={200: {"content": {blobs.RRD: {}}}},
+)
+async def get_recording(episode: EpisodeId, hub: TheHub) -> Response:
+    """The recording; that of a running episode comes as it grows, from its first byte."""
+    growing = await _coming_in(hub, episode)
+    if growing is not None:
+        return StreamingResponse(_follow(growing), media_type=blobs.RRD, headers=NEVER)
+    sha256 = await asyncio.to_thread(_recording, hub, episode)
+    if sha256 is None:
+        raise not_found("recording of episode", episode)
+    return FileResponse(hub.blobs.path(sha256), media_type=blobs.RRD, headers=FOR_EVER)
+
+
+async def _coming_in(hub: Hub, episode: str) -> Growing | None:
+    for _ in range(int(PATIENCE / 0.1)):
+        growing = hub.recordings.get(episode)
+        if growing is not None or not await asyncio.to_thread(_expected, hub, episode):
+            return growing
+        await asyncio.sleep(0.1)
+    return None
+
+
+async def _follow(growing: Growing) -> AsyncIterator[bytes]:
+    async for piece in growing.follow():
+        yield piece
+
+
+def _recording(hub: Hub, episode: str) -> str | None:
+    with hub.database.reading() as session:
+        return episodes.row(session, episode).recording
+
+
+def _expected(hub: Hub, episode: str) -> bool:
+    with hub.database.reading() as session:
+        return _is_running(session, episode)
+
+
+def _is_running(session: Session, episode: str) -> bool:
+    row = episodes.row(session, episode)
+    recorded = evaluations.row(session, row.evaluation_id).recordings
+    return row.state == EpisodeState.RUNNING and recorded

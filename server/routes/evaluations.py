@@ -1,0 +1,140 @@
+"""Evaluations: asked for, followed, stopped."""
+
+from collections.abc import AsyncIterator
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Header, Query, Response
+from fastapi.sse import EventSourceResponse, ServerSentEvent
+from pydantic import ValidationError
+
+from server import episodes, evaluations, followers, lifecycle
+from server.deps import Cursor, EvaluationId, Limit, Reading, TheHub
+from server.hub import Hub
+from server.problems import Problem, of_validation
+from server.schemas import (
+    AttemptPublic,
+    Batch,
+    BatchCreate,
+    BatchItem,
+    EvaluationCreate,
+    EvaluationPublic,
+    FailureGroup,
+    Page,
+)
+from server.states import EvaluationState
+
+router = APIRouter(tags=["evaluations"])
+IdempotencyKey = Annotated[
+    str | None,
+    Header(max_length=200, description="The same key and request again give the same evaluation."),
+]
+
+
+@router.post("/evaluations", status_code=202)
+def create_evaluation(
+    wanted: EvaluationCreate,
+    hub: TheHub,
+    response: Response,
+    idempotency_key: IdempotencyKey = None,
+) -> EvaluationPublic:
+    """Queues an evaluation."""
+    created = _create(hub, wanted, idempotency_key)
+    response.headers["Location"] = f"/api/v1/evaluations/{created.id}"
+    return created
+
+
+def _create(hub: Hub, wanted: EvaluationCreate, key: str | None = None) -> EvaluationPublic:
+    with hub.database.writing() as session:
+        row = evaluations.create(session, wanted, key)
+        session.flush()
+        return evaluations.public(session, row)
+
+
+@router.post("/batches", status_code=202)
+def create_batch(wanted: BatchCreate, hub: TheHub) -> Batch:
+    """Queues many evaluations; one that cannot be does not hinder the others."""
+    items: list[dict[str, Any]] = list(wanted.items)
+    if wanted.matrix:
+        shared = wanted.matrix.model_dump(mode="json", exclude={"policies"})
+        items += [{"policy": policy, **shared} for policy in wanted.matrix.policies]
+    if not items:
+        raise Problem(422, "invalid", "items: is empty; list evaluations, or give a matrix.")
+    return Batch(items=[_item(hub, item) for item in items])
+
+
+def _item(hub: Hub, item: dict[str, Any]) -> BatchItem:
+    try:
+        created = _create(hub, EvaluationCreate.model_validate(item))
+    except ValidationError as error:
+        problem = of_validation(error.errors())
+    except Problem as error:
+        problem = error
+    else:
+        return BatchItem(status=202, evaluation=created)
+    return BatchItem(status=problem.status, problem=problem.document)
+
+
+@router.get("/evaluations")
+def list_evaluations(
+    session: Reading,
+    state: EvaluationState | None = None,
+    policy: Annotated[str | None, Query(max_length=80)] = None,
+    limit: Limit = 50,
+    cursor: Cursor = None,
+) -> Page[EvaluationPublic]:
+    """Evaluations, the newest first."""
+    return evaluations.listed(session, state=state, policy=policy, limit=limit, cursor=cursor)
+
+
+@router.get("/evaluations/{evaluation}")
+def get_evaluation(evaluation: str, session: Reading) -> EvaluationPublic:
+    """One evaluation with its progress and its rates so far."""
+    return evaluations.get(session, evaluation)
+
+
+@router.get("/evaluations/{evaluation}/attempts")
+def list_attempts(evaluation: str, session: Reading) -> list[AttemptPublic]:
+    """Every try at one of its shards, the newest first."""
+    return evaluations.attempts(session, evaluation)
+
+
+@router.get("/evaluations/{evaluation}/failures")
+def count_failures(evaluation: EvaluationId, session: Reading) -> list[FailureGroup]:
+    """How many episodes failed in which way."""
+    return episodes.failure_groups(session, evaluation=evaluation)
+
+
+@router.post("/evaluations/{evaluation}/cancellation", status_code=202)
+def cancel_evaluation(evaluation: str, hub: TheHub) -> EvaluationPublic:
+    """Stops an evaluation; what is final stays."""
+    with hub.database.writing() as session:
+        row = evaluations.row(session, evaluation)
+        lifecycle.cancel(session, row)
+        session.flush()
+        return evaluations.public(session, row)
+
+
+@router.post("/evaluations/{evaluation}/resumption", status_code=202)
+def resume_evaluation(evaluation: str, hub: TheHub) -> EvaluationPublic:
+    """Plays what an incomplete evaluation lacks; final episodes stay as they are."""
+    with hub.database.writing() as session:
+        row = evaluations.row(session, evaluation)
+        lifecycle.resume(session, row, evaluations.current_sources())
+        session.flush()
+        return evaluations.public(session, row)
+
+
+@router.get("/evaluations/{evaluation}/events", response_class=EventSourceResponse)
+async def follow_evaluation(
+    evaluation: EvaluationId,
+    hub: TheHub,
+    after: Annotated[int, Query(ge=0, description="Only events after this number.")] = 0,
+    last_event_id: Annotated[int | None, Header(ge=0)] = None,
+) -> AsyncIterator[ServerSentEvent]:
+    """What happens to it, as server-sent events, until it has ended.
+
+    `episode`, `evaluation`, `attempt` and `divergence` are kept and have numbers; `progress` is
+    said after them and has none.
+    """
+    async for event in followers.follow(hub, evaluation, last_event_id or after):
+        yield event

@@ -1,0 +1,75 @@
+"""What workers report (workers/protocol.py); each attempt has a token of its own."""
+
+import asyncio
+import logging
+
+from fastapi import APIRouter, Request, Response
+from starlette.requests import ClientDisconnect
+
+from server import lifecycle
+from server.commit import commit
+from server.deps import AttemptId, TheHub, assigned
+from server.growing import TooLarge
+from server.hub import Hub
+from server.problems import Problem
+from workers.protocol import Committed, EpisodeCommit, Fault, Stored
+
+logger = logging.getLogger(__name__)
+router = APIRouter(prefix="/attempts/{attempt}/episodes/{episode}")
+
+
+@router.post("/start", status_code=204)
+def start(attempt: AttemptId, episode: str, hub: TheHub) -> Response:
+    """The worker begins to play an episode."""
+    with hub.database.writing() as session:
+        lifecycle.begin(session, *assigned(session, attempt, episode))
+    return Response(status_code=204)
+
+
+@router.put("/recording")
+async def receive_recording(
+    attempt: AttemptId, episode: str, request: Request, hub: TheHub
+) -> Stored:
+    """The recording, while it is written; another one replaces it."""
+    await asyncio.to_thread(_require_playing, hub, attempt, episode)
+    growing = hub.recordings.open(episode)
+    try:
+        stored = await growing.fill(request.stream())
+        await asyncio.to_thread(hub.blobs.take, growing.path, stored.sha256)
+    except (ClientDisconnect, TooLarge) as error:
+        hub.recordings.forget(episode, growing)
+        raise Problem(400, "broken_off", str(error) or "The recording broke off.") from None
+    except BaseException:
+        hub.recordings.forget(episode, growing)
+        raise
+    return stored
+
+
+def _require_playing(hub: Hub, attempt: str, episode: str) -> None:
+    with hub.database.reading() as session:
+        played, found = assigned(session, attempt, episode)
+        lifecycle.require_open(played)
+        if found.fence != played.fence:
+            raise Problem(409, "stale_attempt", f"Attempt {attempt} does not play {episode}.")
+
+
+@router.put("/result")
+def receive_result(attempt: AttemptId, episode: str, what: EpisodeCommit, hub: TheHub) -> Committed:
+    """A finished episode; the same one twice is fine."""
+    with hub.database.writing() as session:
+        outcome = commit(session, hub.blobs, *assigned(session, attempt, episode), what)
+    hub.recordings.forget(episode)
+    if isinstance(outcome, Problem):
+        logger.error("An episode went differently the second time", extra={"episode": episode})
+        raise outcome
+    return outcome
+
+
+@router.post("/fault", status_code=204)
+def receive_fault(attempt: AttemptId, episode: str, fault: Fault, hub: TheHub) -> Response:
+    """The episode could not be played; the attempt goes on with its others."""
+    with hub.database.writing() as session:
+        played, found = assigned(session, attempt, episode)
+        lifecycle.put_back(session, played, found, fault.reason)
+    hub.recordings.forget(episode)
+    return Response(status_code=204)

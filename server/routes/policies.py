@@ -1,0 +1,42 @@
+"""Policies and their versions."""
+
+from fastapi import APIRouter, Response
+
+from server import policies
+from server.deps import Reading, TheHub
+from server.problems import Problem
+from server.schemas import PolicyCreate, PolicyVersionPublic
+from workers.protocol import PythonPolicy
+
+router = APIRouter(prefix="/policies", tags=["policies"])
+
+
+@router.get("")
+def list_policies(session: Reading) -> list[PolicyVersionPublic]:
+    """Every version of every policy."""
+    return policies.versions(session)
+
+
+@router.post("", status_code=201)
+def register_policy(wanted: PolicyCreate, hub: TheHub, response: Response) -> PolicyVersionPublic:
+    """A new policy, or the next version of one. It never changes afterwards."""
+    if isinstance(wanted.spec, PythonPolicy) and not hub.settings.allow_python:
+        raise Problem(
+            403,
+            "python_not_allowed",
+            "A class of this machine runs with the server's rights; it is taken only by a server "
+            "that was started with --allow-python.",
+        )
+    with hub.database.writing() as session:
+        version = policies.public(policies.register(session, wanted))
+    response.headers["Location"] = f"/api/v1/policies/{version.id}"
+    return version
+
+
+@router.get("/{policy}")
+def get_policy(policy: str, session: Reading) -> PolicyVersionPublic:
+    """One version, by id, name (the newest) or name@version."""
+    try:
+        return policies.public(policies.find(session, policy))
+    except Problem as problem:
+        raise Problem(404, "not_found", problem.detail) from None

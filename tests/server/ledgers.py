@@ -1,0 +1,156 @@
+"""Ledgers for tests: real databases, filled by the server's own functions, without a simulator."""
+
+import base64
+import io
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from PIL import Image
+from sqlalchemy import select
+from sqlalchemy.orm import Session
+
+from hide_tasks.contract import (
+    DecisionRecord,
+    EpisodeResult,
+    EpisodeSpec,
+    Failure,
+    Keyframe,
+    MotionOutcome,
+    Start,
+    Timing,
+)
+from hide_tasks.suite import scene_hash
+from server import evaluations, lifecycle, policies
+from server.blobs import Blobs
+from server.commit import commit
+from server.db import Database
+from server.models import Attempt, Episode, Evaluation, Shard
+from server.schemas import EvaluationCreate, PolicyCreate
+from workers.protocol import (
+    EpisodeCommit,
+    HiddenChange,
+    PythonPolicy,
+    measured_digest,
+)
+
+Outcome = Failure | None  # of an episode; None: exact
+Outcomes = Callable[[EpisodeSpec], Outcome]
+
+
+def opened(folder: Path) -> Database:
+    """A new ledger with the built-in policies."""
+    database = Database(folder / "ledger.sqlite3")
+    with database.writing() as session:
+        policies.register_builtin(session)
+    return database
+
+
+def registered(database: Database, name: str) -> str:
+    """A policy of somebody's; its version's id."""
+    spec = PythonPolicy(target="tests.workers.some_policies:Stays")
+    with database.writing() as session:
+        return policies.register(session, PolicyCreate(name=name, spec=spec)).id
+
+
+def created(session: Session, policy: str = "expert", **wanted: Any) -> Evaluation:
+    """A queued evaluation."""
+    return evaluations.create(session, EvaluationCreate(policy=policy, **wanted))
+
+
+def leased(session: Session, limit: float = 60.0) -> tuple[Attempt, Shard] | None:
+    """The next attempt, if a shard waits."""
+    shard = lifecycle.next_shard(session)
+    if shard is None:
+        return None
+    return lifecycle.lease(session, shard, engine="local", limit=limit)[0], shard
+
+
+def result_of(spec: EpisodeSpec, failure: Outcome = None, **changes: Any) -> EpisodeCommit:
+    """What a worker would send of an episode with three decisions; the second one stays still."""
+    hidden = [{"presses_done": n, "item_in": "top"} for n in range(4)]
+    exact = failure is None
+    success = exact or failure in (Failure.OVERCOUNT, Failure.REPEATED_STEP)
+    decisions = tuple(
+        DecisionRecord(
+            decision=n,
+            time=1.5 * (n + 1),
+            action=Keyframe(position=(0.3, 0.0, 0.9 + n / 100), quaternion=(0, 1, 0, 0)),
+            outcome=MotionOutcome.NO_PATH if n == 1 else MotionOutcome.ARRIVED,
+            path="" if n == 1 else "straight",
+            stage=f"press {n + 1}",
+            hidden=hidden[n + 1],
+            checks={"pressed_exactly": exact and n == 2, "arm_withdrawn": n == 2},
+            success=success and n == 2,
+            violations=[failure] if failure and n == 2 else [],
+        )
+        for n in range(3)
+    )
+    start = Start(stage="press 1", hidden=hidden[0], checks={"pressed_exactly": False})
+    seen = tuple(
+        HiddenChange(time=1.5 * n, decision=n, stage=f"press {max(n, 1)}", hidden=hidden[n])
+        for n in range(4)
+    )
+    result = EpisodeResult(
+        **spec.model_dump(include={"task", "split", "index", "variation"}),
+        instruction=f"do {spec.task}",
+        success=success,
+        exact=exact,
+        failure=failure,
+        decisions=3,
+        stage="press 3",
+        scene_hash=scene_hash(spec),
+        final_state_hash="f" * 64,
+        timing=Timing(total=0.5, steps=1080, renders=4),
+    ).model_copy(update=changes)
+    return EpisodeCommit(
+        result=result,
+        start=start,
+        decisions=decisions,
+        changes=seen,
+        thumbnail=base64.b64encode(picture(exact)),
+        digest=measured_digest(result, start, decisions, seen),
+    )
+
+
+def picture(exact: bool) -> bytes:
+    """A JPEG, green or red."""
+    file = io.BytesIO()
+    Image.new("RGB", (128, 128), (88, 140, 120) if exact else (190, 90, 80)).save(file, "JPEG")
+    return file.getvalue()
+
+
+def play_shard(session: Session, store: Blobs, outcomes: Outcomes = lambda _: None) -> bool:
+    """Leases the next shard, commits its episodes, and ends it; False if none waits."""
+    found = leased(session)
+    if found is None:
+        return False
+    attempt, shard = found
+    for episode in lifecycle.open_episodes(shard):
+        lifecycle.begin(session, attempt, episode)
+        spec = lifecycle.spec_of(episode)
+        commit(session, store, attempt, episode, result_of(spec, outcomes(spec)))
+    session.flush()
+    lifecycle.end_attempt(session, attempt, None)
+    return True
+
+
+def evaluated(
+    database: Database,
+    store: Blobs,
+    policy: str = "expert",
+    outcomes: Outcomes = lambda _: None,
+    **wanted: Any,
+) -> str:
+    """A completed evaluation's id; nothing else may wait in the ledger."""
+    with database.writing() as session:
+        id = created(session, policy, **wanted).id
+        while play_shard(session, store, outcomes):
+            pass
+        return id
+
+
+def episodes_of(session: Session, evaluation: str) -> list[Episode]:
+    """An evaluation's episodes, by task and index."""
+    found = select(Episode).where(Episode.evaluation_id == evaluation)
+    return list(session.scalars(found.order_by(Episode.task, Episode.index)))

@@ -1,0 +1,147 @@
+"""What travels between the server and the workers of an evaluation: a shard, and what came of it.
+
+A worker never opens the ledger. It is handed a ShardJob by an engine and reports by HTTP, with the
+token of its attempt:
+
+    POST {server}/internal/v1/attempts/{attempt}/episodes/{episode}/start       begun
+    PUT  …/episodes/{episode}/recording    the growing .rrd, chunked            Stored
+    PUT  …/episodes/{episode}/result       EpisodeCommit                        Committed
+    POST …/episodes/{episode}/fault        Fault: the infrastructure failed, not the policy
+
+409 says that the attempt is no longer the current one: the worker drops the shard.
+"""
+
+import hashlib
+import json
+from typing import Annotated, Literal
+
+from pydantic import Base64Bytes, BaseModel, ConfigDict, Field
+
+from hide_tasks.contract import (
+    Action,
+    DecisionRecord,
+    EpisodeResult,
+    EpisodeSpec,
+    HiddenState,
+    Rules,
+    Start,
+)
+
+INTERNAL = "/internal/v1"
+SHARD_SIZE = 5  # episodes of one task
+
+
+class _Message(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class BuiltInPolicy(_Message):
+    """A policy of hide_tasks; it runs inside the simulator's process."""
+
+    kind: Literal["builtin"] = "builtin"
+    name: Literal["expert", "amnesiac", "random", "noop"]
+
+
+class PythonPolicy(_Message):
+    """A class on the worker's machine, in a process of its own."""
+
+    kind: Literal["python"] = "python"
+    target: str  # module:Class or path/to/file.py:Class
+    timeout: Annotated[float, Field(gt=0, le=3600)] = 60.0  # s for one answer
+
+
+class ReplayPolicy(_Message):
+    """The recorded actions of another evaluation, told with each episode."""
+
+    kind: Literal["replay"] = "replay"
+    evaluation: str
+
+
+PolicySpec = Annotated[BuiltInPolicy | PythonPolicy | ReplayPolicy, Field(discriminator="kind")]
+
+
+class AssignedEpisode(_Message):
+    """An episode that is to be played."""
+
+    id: str
+    spec: EpisodeSpec
+    actions: tuple[Action, ...] | None = None  # what a replay repeats
+
+
+class ShardJob(_Message):
+    """The episodes of one shard that are not final yet, for one attempt."""
+
+    attempt: str
+    token: str  # of this attempt alone
+    server: str  # e.g. http://127.0.0.1:8000
+    policy: PolicySpec
+    policy_name: str  # as recordings name it
+    rules: Rules = "hide"
+    recordings: bool = True
+    episode_limit: float  # s of wall time for one episode
+    episodes: tuple[AssignedEpisode, ...]
+
+    @property
+    def limit(self) -> float:
+        """Seconds of wall time after which the whole attempt hangs."""
+        return 120.0 + self.episode_limit * len(self.episodes)
+
+
+class HiddenChange(_Message):
+    """The hidden state from a moment on; looked at 20 times a simulated second."""
+
+    time: float  # simulated seconds
+    decision: int  # the decision under way; 0 at the start
+    stage: str
+    hidden: HiddenState
+
+
+class EpisodeCommit(_Message):
+    """A finished episode: everything that was measured."""
+
+    result: EpisodeResult
+    start: Start
+    decisions: tuple[DecisionRecord, ...]
+    changes: tuple[HiddenChange, ...]  # the first is the start
+    recording: str | None = None  # SHA-256 of the .rrd that was sent before
+    thumbnail: Base64Bytes | None = None  # JPEG, what the front camera saw last
+    digest: str  # measured_digest of the rest
+
+
+class Stored(_Message):
+    """What the server keeps of a recording."""
+
+    sha256: str
+    size: int  # bytes
+
+
+class Committed(_Message):
+    """The episode is in the ledger; `already` if it was there before."""
+
+    already: bool
+
+
+class Fault(_Message):
+    """Why an episode could not be played, through no fault of a policy."""
+
+    reason: Annotated[str, Field(max_length=2000)]
+
+
+def measured_digest(
+    result: EpisodeResult,
+    start: Start,
+    decisions: tuple[DecisionRecord, ...],
+    changes: tuple[HiddenChange, ...],
+) -> str:
+    """SHA-256 of what was measured: the same twice if, and only if, the episode went the same way.
+
+    What the machine's clock said does not count, nor does the recording.
+    """
+    content = {
+        "result": result.model_dump(mode="json", exclude={"timing", "recording", "detail"}),
+        "start": start.model_dump(mode="json"),
+        "decisions": [decision.model_dump(mode="json") for decision in decisions],
+        "changes": [change.model_dump(mode="json") for change in changes],
+    }
+    text = json.dumps(content, sort_keys=True, separators=(",", ":"))
+    return hashlib.sha256(text.encode()).hexdigest()
