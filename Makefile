@@ -13,8 +13,8 @@ help: ## Show this list
 
 setup: .venv/.warm ## Create .venv with everything in it; does nothing when it is up to date
 
-run: setup ## Evaluate the built-in policies and print a table
-	$(BIN)/python -m server.first_run
+run: setup ## Start the server on http://127.0.0.1:8000; on first start it evaluates the built-in policies
+	$(BIN)/hide serve
 
 test: check ## Set up, check, then run all tests that need no GPU
 	$(BIN)/pytest -n 2 --durations=10 -m "not gpu"

@@ -29,13 +29,10 @@ class Bell:
         self._changed.set()
         self._changed = asyncio.Event()
 
-    async def wait(self, seconds: float) -> None:
-        """Returns when it rings, or after so long."""
+    def next_ring(self) -> asyncio.Event:
+        """What is set when it rings next; ask before looking, so that no ring is missed."""
         assert self._changed is not None, "attach comes first"
-        try:
-            await asyncio.wait_for(self._changed.wait(), seconds)
-        except TimeoutError:
-            return
+        return self._changed
 
     def close(self) -> None:
         """Sends the followers home."""

@@ -1,6 +1,8 @@
 """Server-sent events: what happens to an evaluation, told as it happens."""
 
+import asyncio
 from collections.abc import AsyncIterator, Sequence
+from contextlib import suppress
 from typing import Any, NamedTuple
 
 from fastapi.sse import ServerSentEvent
@@ -12,7 +14,7 @@ from server.hub import Hub
 from server.models import Event
 from server.states import ENDED
 
-PATIENCE = 15.0  # s after which the progress is told anew, and a dead connection is noticed
+PATIENCE = 15.0  # s between two looks when nothing happens
 MOST = 500  # events of one look
 
 
@@ -26,15 +28,21 @@ class Look(NamedTuple):
 
 async def follow(hub: Hub, evaluation: str, after: int) -> AsyncIterator[ServerSentEvent]:
     """Every event after a number, then each new one; ends when the evaluation has ended."""
+    told: dict[str, Any] = {}
     while not hub.bell.closing:
+        ring = hub.bell.next_ring()
         look = await run_in_threadpool(_look, hub, evaluation, after)
         for after, kind, payload in look.events:
             yield ServerSentEvent(data=payload, event=kind, id=str(after))
-        yield ServerSentEvent(data=look.progress, event="progress")
-        if look.ended and not look.events:
+        if look.events:
+            continue  # there may be more
+        if look.progress != told:
+            told = look.progress
+            yield ServerSentEvent(data=told, event="progress")
+        if look.ended:
             return
-        if not look.events:
-            await hub.bell.wait(PATIENCE)
+        with suppress(TimeoutError):
+            await asyncio.wait_for(ring.wait(), PATIENCE)
 
 
 def _look(hub: Hub, evaluation: str, after: int) -> Look:

@@ -4,6 +4,7 @@ import errno
 import importlib
 import socket
 from collections.abc import Callable
+from contextlib import suppress
 
 import uvicorn
 from fastapi import FastAPI
@@ -45,7 +46,8 @@ def serve(settings: Settings, ready: Callable[[str], None] = lambda _: None) -> 
             ),
             lambda: ready(app.state.hub.address),
         )
-        server.run(sockets=[listening])
+        with suppress(KeyboardInterrupt):  # uvicorn repeats it once everything is shut down
+            server.run(sockets=[listening])
 
 
 class _Server(uvicorn.Server):

@@ -1,0 +1,146 @@
+"""A server as its users start it: a process of its own, with real workers."""
+
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Self
+
+import httpx
+
+ROOT = Path(__file__).parents[2]
+START_LIMIT = 60.0  # s
+
+
+class RunningServer:
+    """`hide serve` on a free port, stopped when the block is left."""
+
+    def __init__(self, data: Path, *options: str, workers: int = 2):
+        self.data = data
+        self._command = [sys.executable, "-m", "server.cli", "serve", "--data", str(data)]
+        self._command += ["--port", "0", "--workers", str(workers), *options]
+
+    def __enter__(self) -> Self:
+        self.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.stop()
+        self.client.close()
+
+    def start(self) -> None:
+        """Starts it and waits until it answers."""
+        log = self.data.with_name(f"{self.data.name}.log")
+        with open(log, "wb") as output:
+            self.process = subprocess.Popen(
+                self._command, cwd=ROOT, stderr=output, stdout=output, stdin=subprocess.DEVNULL
+            )
+
+        def address() -> str | None:
+            assert self.process.poll() is None, log.read_text()
+            found = re.search(r"http://[\d.]+:\d+", log.read_text())
+            return found and found[0]
+
+        self.url = until(address, "the server's address", START_LIMIT)
+        self.client = httpx.Client(base_url=self.url, trust_env=False, timeout=30)
+
+    def stop(self) -> None:
+        """Asks it to stop, as Ctrl-C does, and waits."""
+        if self.process.poll() is None:
+            self.process.send_signal(signal.SIGINT)
+            self.process.wait(timeout=30)
+
+    def kill(self) -> None:
+        """A power cut."""
+        self.process.kill()
+        self.process.wait(timeout=30)
+        self.client.close()
+
+    def get(self, path: str, **query: Any) -> Any:
+        """The document at a path of the API."""
+        return self.client.get(f"/api/v1{path}", params=query).raise_for_status().json()
+
+    def post(self, path: str, document: Any = None) -> Any:
+        """What the API answers to a document."""
+        return self.client.post(f"/api/v1{path}", json=document).raise_for_status().json()
+
+    def episodes(self, evaluation: str) -> list[dict[str, Any]]:
+        """Every episode of an evaluation, over all pages."""
+        found, cursor = [], None
+        while True:
+            query = {"limit": 200} | ({"cursor": cursor} if cursor else {})
+            page = self.get(f"/evaluations/{evaluation}/episodes", **query)
+            found += page["items"]
+            if not (cursor := page["next"]):
+                return found
+
+    def final(self, evaluation: str) -> int:
+        """How many episodes are final."""
+        return int(self.get(f"/evaluations/{evaluation}")["progress"]["final"])
+
+    def finished(self, evaluation: str, seconds: float = 240.0) -> dict[str, Any]:
+        """The evaluation once it has ended."""
+
+        def ended() -> dict[str, Any] | None:
+            found = self.get(f"/evaluations/{evaluation}")
+            return found if found["ended"] else None
+
+        return until(ended, f"the end of {evaluation}", seconds)
+
+    @property
+    def workers(self) -> list[int]:
+        """The engine's processes: the supervisors."""
+        return [pid for pid in children(self.process.pid) if "spawn_main" in command_of(pid)]
+
+
+def until(look: Callable[[], Any], what: str, seconds: float = 60.0) -> Any:
+    """What a look gives as soon as it gives something."""
+    deadline = time.monotonic() + seconds
+    while not (found := look()):
+        assert time.monotonic() < deadline, f"{what} did not come"
+        time.sleep(0.05)
+    return found
+
+
+def children(pid: int) -> list[int]:
+    """Processes that a process started."""
+    file = Path(f"/proc/{pid}/task/{pid}/children")
+    direct = [int(child) for child in file.read_text().split()] if file.exists() else []
+    for thread in Path(f"/proc/{pid}/task").glob("*/children"):
+        direct += [int(child) for child in thread.read_text().split() if int(child) not in direct]
+    return direct
+
+
+def descendants(pid: int) -> list[int]:
+    """Processes below a process."""
+    mine = children(pid)
+    return [*mine, *(below for child in mine for below in descendants(child))]
+
+
+def command_of(pid: int) -> str:
+    """A process's command line; nothing if it is gone."""
+    try:
+        return Path(f"/proc/{pid}/cmdline").read_text().replace("\0", " ")
+    except (FileNotFoundError, ProcessLookupError):
+        return ""
+
+
+def gone(pids: list[int]) -> bool:
+    """True when none of the processes runs."""
+    return not any(_runs(pid) for pid in pids)
+
+
+def _runs(pid: int) -> bool:
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except (FileNotFoundError, ProcessLookupError):
+        return False
+
+
+def kill(pid: int) -> None:
+    """The end of a process, without a chance to say anything."""
+    os.kill(pid, signal.SIGKILL)
