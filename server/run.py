@@ -9,7 +9,7 @@ from typing import Any
 
 from server.arguments import BadUsage
 from server.progress import reporting
-from workers.engines.local import limit_threads, prepare_process
+from workers.engines.processes import limit_threads, prepare_process
 from workers.evaluation import Evaluation, count_cpus, evaluate, missing
 from workers.policies import BadPolicy
 from workers.results import Results

@@ -1,6 +1,7 @@
-"""What a worker process does: play one episode, with a recording if one is wanted."""
+"""What a process with a simulator does: play one episode, with a recording if one is wanted."""
 
 import contextlib
+from collections.abc import Sequence
 from dataclasses import dataclass
 from multiprocessing.util import Finalize
 from pathlib import Path
@@ -11,6 +12,8 @@ from workers.policies import Hosted, PolicyChoice
 from workers.policy_process import PolicyProcess
 
 if TYPE_CHECKING:
+    from hide_tasks.episode import Witness
+    from workers.hidden_trace import HiddenTrace
     from workers.recording import Recorder
 
 
@@ -33,8 +36,15 @@ class PlayedEpisode:
     decisions: list[DecisionRecord]
 
 
-def play_episode(job: EpisodeJob) -> PlayedEpisode:
+def play_episode(
+    job: EpisodeJob, trace: "HiddenTrace | None" = None, witnesses: Sequence["Witness"] = ()
+) -> PlayedEpisode:
     """Plays an episode in this process.
+
+    Args:
+        job: the episode.
+        trace: follows the hidden state, if given.
+        witnesses: more of them, besides the recorder.
 
     Raises:
         Exception: the simulator or the recording failed; a policy's failure is in the result.
@@ -43,10 +53,16 @@ def play_episode(job: EpisodeJob) -> PlayedEpisode:
 
     policy = _policy(job.policy)
     with contextlib.ExitStack() as stack:
-        witnesses = [stack.enter_context(_recorder(job))] if job.recordings else []
-        result, decisions = play(job.spec, policy, rules=job.rules, witnesses=witnesses)
+        recorders = [stack.enter_context(_recorder(job))] if job.recordings else []
+        traces = [trace] if trace else []
+        result, decisions = play(
+            job.spec,
+            trace.watching(policy) if trace else policy,
+            rules=job.rules,
+            witnesses=[*traces, *recorders, *witnesses],
+        )
     if job.recordings:
-        name = f"{job.recordings.name}/{_recording_name(job.spec)}"
+        name = f"{job.recordings.name}/{recording_name(job.spec)}"
         result = result.model_copy(update={"recording": name})
     return PlayedEpisode(result, decisions)
 
@@ -55,10 +71,11 @@ def _recorder(job: EpisodeJob) -> "Recorder":
     from workers.recording import Recorder
 
     assert job.recordings is not None
-    return Recorder(job.recordings / _recording_name(job.spec), policy=job.policy_text)
+    return Recorder(job.recordings / recording_name(job.spec), policy=job.policy_text)
 
 
-def _recording_name(spec: EpisodeSpec) -> str:
+def recording_name(spec: EpisodeSpec) -> str:
+    """The file name of an episode's recording."""
     return f"{spec.name}.rrd"
 
 
@@ -70,7 +87,15 @@ def _policy(choice: PolicyChoice) -> Policy:
     if not isinstance(choice, Hosted):
         return choice.make()
     if choice not in _hosted:
+        close_policies()
         _hosted[choice] = choice.make()
         # Runs at SIGTERM as well, which atexit does not.
         Finalize(None, _hosted[choice].close, exitpriority=0)
     return _hosted[choice]
+
+
+def close_policies() -> None:
+    """Ends the policy processes that stayed; an edited policy, say, is loaded anew."""
+    for policy in _hosted.values():
+        policy.close()
+    _hosted.clear()

@@ -4,8 +4,9 @@ from fastapi import APIRouter, Response
 
 from server import policies
 from server.deps import Reading, TheHub
-from server.problems import Problem
+from server.problems import Problem, invalid
 from server.schemas import PolicyCreate, PolicyVersionPublic
+from workers.policies import BadPolicy, Hosted, Surroundings
 from workers.protocol import PythonPolicy
 
 router = APIRouter(prefix="/policies", tags=["policies"])
@@ -27,10 +28,20 @@ def register_policy(wanted: PolicyCreate, hub: TheHub, response: Response) -> Po
             "A class of this machine runs with the server's rights; it is taken only by a server "
             "that was started with --allow-python.",
         )
+    if isinstance(wanted.spec, PythonPolicy):
+        _require_loads(wanted.spec)
     with hub.database.writing() as session:
         version = policies.public(policies.register(session, wanted))
     response.headers["Location"] = f"/api/v1/policies/{version.id}"
     return version
+
+
+def _require_loads(spec: PythonPolicy) -> None:
+    """Loads the class once, in a process of its own: better now than in every episode."""
+    try:
+        Hosted(spec.target, Surroundings(timeout=spec.timeout)).check()
+    except BadPolicy as error:
+        raise invalid("spec.target", str(error)) from None
 
 
 @router.get("/{policy}")

@@ -4,6 +4,7 @@
 
 import json
 import os
+import subprocess
 import sys
 import time
 from pathlib import Path
@@ -126,3 +127,16 @@ class DiesOnce(Stays):
         except FileExistsError:
             return Stop()
         os._exit(1)
+
+
+class HangsWithAChild(Stays):
+    def act(self, observation):
+        subprocess.run([sys.executable, "-c", "import time; time.sleep(60)"])
+
+
+class Slow(Stays):
+    """Takes its time for two answers, then stops."""
+
+    def act(self, observation):
+        time.sleep(0.8)
+        return super().act(observation) if self.decisions < 2 else Stop()

@@ -1,0 +1,149 @@
+"""The process in which episodes are simulated; started as `python -m workers.simulator_host FD`.
+
+It is told {"play": Play} or {"rest": {}}, which ends the policy's process. Of an episode it tells
+{"decided": n} as it goes on, then {"played": EpisodeCommit} or {"failed": reason}. It ends at once
+with the process that started it.
+"""
+
+import os
+import socket
+import stat
+import sys
+import threading
+import traceback
+from collections.abc import Sequence
+from pathlib import Path
+from queue import SimpleQueue
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hide_tasks.bullet.scene import Part
+from hide_tasks.contract import DecisionRecord, EpisodeResult, EpisodeSpec, Observation, Start
+from workers import policies, wire
+from workers.hidden_trace import HiddenTrace
+from workers.policy_host import die_with_parent
+from workers.protocol import BuiltInPolicy, EpisodeCommit, PythonPolicy, measured_digest
+from workers.simulator import EpisodeJob, close_policies, play_episode
+from workers.simulator_process import Play
+
+
+class Progress:
+    """A witness that tells the supervisor how many decisions were made."""
+
+    def __init__(self, connection: socket.socket):
+        self.connection = connection
+
+    def begin(
+        self, spec: EpisodeSpec, instruction: str, parts: Sequence[Part], start: Start
+    ) -> None:
+        """None yet."""
+        wire.send(self.connection, {"decided": 0})
+
+    def frame(self, time: float, poses: NDArray[np.float64]) -> None:
+        """Frames are not told."""
+
+    def decided(self, observation: Observation, record: DecisionRecord) -> None:
+        """One more."""
+        wire.send(self.connection, {"decided": record.decision + 1})
+
+    def end(self, result: EpisodeResult, observation: Observation) -> None:
+        """The result is told by whoever plays."""
+
+
+def play(request: Play, connection: socket.socket) -> EpisodeCommit:
+    """The finished episode, but for its recording's hash.
+
+    Raises:
+        Exception: the simulator or the recording failed; a policy's failure is in the result.
+    """
+    job = EpisodeJob(
+        request.episode.spec,
+        choice(request),
+        request.policy_name,
+        request.rules,
+        request.recordings,
+    )
+    trace = HiddenTrace()
+    played = play_episode(job, trace, [Progress(connection)])
+    result = played.result.model_copy(update={"recording": None})
+    measured = (result, trace.start, tuple(played.decisions), tuple(trace.changes))
+    return EpisodeCommit(
+        result=result,
+        start=trace.start,
+        decisions=measured[2],
+        changes=measured[3],
+        thumbnail=trace.thumbnail,
+        digest=measured_digest(*measured),
+    )
+
+
+def choice(request: Play) -> policies.PolicyChoice:
+    """The policy that a request names.
+
+    Raises:
+        ValueError: a replay came without its actions.
+    """
+    policy = request.policy
+    if isinstance(policy, BuiltInPolicy):
+        return policies.BuiltIn(policy.name)
+    if isinstance(policy, PythonPolicy):
+        surroundings = policies.Surroundings(policy.timeout, _log(), threads=1)
+        return policies.Hosted(policy.target, surroundings)
+    if request.episode.actions is None:
+        raise ValueError(
+            f"{request.episode.spec.name} came without actions; a replay needs them with each "
+            "episode."
+        )
+    return policies.Actions(request.episode.actions)
+
+
+def _log() -> Path | None:
+    """The file that this process prints to, if it is one; a policy prints there, too."""
+    try:
+        path = Path(f"/proc/self/fd/{sys.stderr.fileno()}").readlink()
+        return path if stat.S_ISREG(path.stat().st_mode) else None
+    except OSError:
+        return None
+
+
+def serve(connection: socket.socket) -> None:
+    """Plays what is asked for, for ever; the thread that reads ends the process."""
+    requests: SimpleQueue[dict[str, Any]] = SimpleQueue()
+    threading.Thread(target=_read, args=(connection, requests), daemon=True).start()
+    while True:
+        [(kind, content)] = requests.get().items()
+        if kind == "rest":
+            close_policies()
+        else:
+            wire.send(connection, answer(content, connection))
+
+
+def answer(content: dict[str, Any], connection: socket.socket) -> dict[str, Any]:
+    """What came of a request to play; a simulator's exception is a reply, too."""
+    try:
+        played = play(Play.model_validate(content), connection)
+        return {"played": played.model_dump(mode="json")}
+    except Exception as error:
+        traceback.print_exc()
+        return {"failed": "".join(traceback.format_exception_only(error)).strip()}
+
+
+def _read(connection: socket.socket, requests: SimpleQueue[dict[str, Any]]) -> None:
+    try:
+        while True:
+            requests.put(wire.receive(connection))
+    except (OSError, EOFError, wire.WireError):
+        os._exit(1)  # the supervisor is gone, whatever the simulator is doing
+
+
+def main() -> None:
+    """Serve on the socket whose number is the only argument."""
+    die_with_parent()
+    with socket.socket(fileno=int(sys.argv[1])) as connection:
+        serve(connection)
+
+
+if __name__ == "__main__":
+    main()
