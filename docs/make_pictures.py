@@ -1,4 +1,4 @@
-"""Draws the pictures of the README and the docs from real episodes.
+"""Draws the pictures of the README, the docs and the pages from real episodes.
 
 Run it with: .venv/bin/python docs/make_pictures.py
 """
@@ -10,16 +10,26 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
 from hide_tasks import ALL_TASKS, suite
-from hide_tasks.bullet.cameras import camera
+from hide_tasks.bullet.cameras import Camera, camera, looking
 from hide_tasks.bullet.world import World
+from hide_tasks.certificate import ALIAS_EPISODES
+from hide_tasks.certificates import committed
 from hide_tasks.contract import EpisodeSpec
 from hide_tasks.script import script
+from hide_tasks.task import Alias
 
 FOLDER = Path(__file__).parent / "pictures"
+PAGES = Path(__file__).parent.parent / "web" / "static" / "tasks"
 SIZE = 384
 CAPTION = 34
 INK, PAPER = (40, 40, 44), (255, 255, 255)
 ORIGINS = {"top": (217, 154, 94), "bottom": (84, 132, 176)}
+
+LARGE = 512
+QUALITY = 82  # of WebP; keeps every picture under 40 KB
+EYE, EYE_TARGET = np.array((-0.28, -1.42, 1.78)), np.array((0.13, -0.02, 0.97))  # m
+EYE_ANGLE = 42.0  # degrees
+ALIAS_VIEWS = {"push_button_times": "front"}  # else the right shoulder
 
 Picture = NDArray[np.uint8]
 
@@ -40,6 +50,56 @@ def frames(spec: EpisodeSpec, moments: list[int], view: str, size: int) -> list[
             world.execute(keyframe)
         found[-1] = look()
     return [found[moment] for moment in moments]
+
+
+def spectator(size: int) -> Camera:
+    """A camera beside the robot that sees the whole table, the robot and the fronts of drawers."""
+    focal = size / 2 / np.tan(np.radians(EYE_ANGLE / 2))
+    intrinsics = np.array([[focal, 0, size / 2], [0, focal, size / 2], [0, 0, 1]])
+    return Camera(size, size, intrinsics, looking(EYE, EYE_TARGET - EYE))
+
+
+def start_of(task: str) -> Image.Image:
+    """The start of an episode as somebody in the room sees it."""
+    with World(suite.build(suite.episode(task, "val", 0))) as world:
+        images = world.renderer.render([spectator(LARGE)], world.poses(), supersample=3)
+    return Image.fromarray(np.asarray(images.rgb[0]))
+
+
+def alias_pictures(task: str, why: str) -> tuple[Image.Image, Image.Image]:
+    """Both moments of an alias pair of the certificate, in the episode that it tells of."""
+    spec, alias = example(task, why)
+    view = ALIAS_VIEWS.get(task, "right_shoulder")
+    first, second = (
+        Image.fromarray(frames(spec.twin(moment.twin), [moment.keyframes], view, SIZE)[0])
+        for moment in (alias.first, alias.second)
+    )
+    return first, second
+
+
+def example(task: str, why: str) -> tuple[EpisodeSpec, Alias]:
+    """The first episode in which the pair was verified."""
+    for spec in suite.episodes(task, "train", ALIAS_EPISODES):
+        for alias in suite.build(spec).aliases():
+            if alias.why == why:
+                return spec, alias
+    raise LookupError(f"No episode of {task} declares '{why}'; run `hide certify`.")
+
+
+def draw_for_pages() -> None:
+    """Write what the pages show of every task."""
+    PAGES.mkdir(parents=True, exist_ok=True)
+    for task in ALL_TASKS:
+        save(start_of(task), PAGES / f"{task}.webp")
+        for number, alias in enumerate(committed(task).get("aliases", []), start=1):
+            pictures = alias_pictures(task, alias["why"])
+            for side, picture in zip("ab", pictures, strict=True):
+                save(picture, PAGES / f"{task}-alias-{number}-{side}.webp")
+
+
+def save(picture: Image.Image, path: Path) -> None:
+    """Write a picture small enough for a page."""
+    picture.save(path, quality=QUALITY, method=6)
 
 
 def labelled(
@@ -84,3 +144,4 @@ if __name__ == "__main__":
     FOLDER.mkdir(exist_ok=True)
     same_picture_other_action().save(FOLDER / "same_picture.png", optimize=True)
     contact_sheet().save(FOLDER / "tasks.png", optimize=True)
+    draw_for_pages()

@@ -2,6 +2,7 @@
 
 import hashlib
 import os
+import re
 from pathlib import Path
 
 from sqlalchemy.orm import Session
@@ -10,6 +11,7 @@ from server.models import Blob
 
 RRD = "application/vnd.rerun.rrd"
 JPEG = "image/jpeg"
+SHA256 = re.compile("[0-9a-f]{64}")
 
 
 class Blobs:
@@ -22,6 +24,10 @@ class Blobs:
         """Where a blob is, or would be."""
         return self.folder / sha256[:2] / sha256[2:]
 
+    def holds(self, sha256: str) -> bool:
+        """True if the blob is here; false for what is no SHA-256 at all."""
+        return bool(SHA256.fullmatch(sha256)) and self.path(sha256).exists()
+
     def take(self, file: Path, sha256: str) -> None:
         """Moves a finished file of the same file system in, power cuts included."""
         target = self.path(sha256)
@@ -30,6 +36,7 @@ class Blobs:
             os.fsync(content.fileno())
         file.replace(target)
         sync_folder(target.parent)
+        sync_folder(self.folder)  # target.parent may be its newest entry
 
     def put(self, content: bytes) -> str:
         """Keeps some bytes; their SHA-256."""

@@ -1,6 +1,8 @@
 """A finished episode enters the ledger: once, whole, and only from the current attempt."""
 
+import math
 from collections.abc import Sequence
+from itertools import chain
 from typing import Any
 
 from sqlalchemy import insert
@@ -23,6 +25,7 @@ from server.models import (
 from server.problems import Problem, invalid
 from server.states import EpisodeState
 from workers.protocol import Committed, EpisodeCommit, measured_digest
+from workers.protocol import HiddenChange as HiddenMoment
 
 
 def commit(
@@ -63,10 +66,19 @@ def _check(episode: Episode, what: EpisodeCommit, store: Blobs) -> None:
     wanted = hashes.get("scene_hashes", [])[episode.index : episode.index + 1]
     if wanted and not result.scene_hash.startswith(wanted[0]):
         raise invalid("result.scene_hash", f"is {result.scene_hash}, not {wanted[0]}…")
-    if len(what.decisions) != result.decisions:
-        raise invalid("decisions", f"are {len(what.decisions)}, not {result.decisions}")
-    if what.recording and not store.path(what.recording).exists():
-        raise invalid("recording", f"no recording {what.recording} was sent before")
+    if [one.decision for one in what.decisions] != list(range(result.decisions)):
+        raise invalid("decisions", f"are not {result.decisions}, numbered from 0")
+    if not all(_is_within(change, result.decisions) for change in what.changes):
+        raise invalid("changes", "hold a number that no moment of the episode can have")
+    if what.recording is not None and not store.holds(what.recording):
+        raise invalid("recording", f"no recording {what.recording[:64]} was sent before")
+
+
+def _is_within(change: HiddenMoment, decisions: int) -> bool:
+    lists = (value if isinstance(value, list) else [value] for value in change.hidden.values())
+    numbers = [one for one in (change.time, *chain.from_iterable(lists)) if isinstance(one, float)]
+    finite = all(map(math.isfinite, numbers))
+    return finite and change.time >= 0 and 0 <= change.decision <= decisions
 
 
 def _again(

@@ -62,8 +62,12 @@ class DataFolder:
             raise DataFolderError(
                 f"{self.path} is in use by another server; stop it, or give another --data."
             ) from None
-        for name in FOLDERS:
-            (self.path / name).mkdir(exist_ok=True)
+        try:
+            for name in FOLDERS:
+                (self.path / name).mkdir(exist_ok=True)
+        except OSError:
+            self.close()
+            raise
 
     def close(self) -> None:
         """Lets another server have it."""

@@ -16,9 +16,16 @@ from alembic.config import Config
 from alembic.script import ScriptDirectory
 from alembic.util import CommandError
 from sqlalchemy import Connection, Engine, create_engine, event
+from sqlalchemy.exc import DBAPIError
 from sqlalchemy.orm import Session
 
 BUSY_TIMEOUT = 30.0  # s to wait for another writer
+PRAGMAS = (
+    "journal_mode = WAL",
+    "synchronous = FULL",
+    "foreign_keys = ON",
+    "recursive_triggers = ON",  # else INSERT OR REPLACE deletes without telling a trigger
+)
 
 
 class LedgerError(Exception):
@@ -29,7 +36,7 @@ class Database:
     """An open ledger.
 
     Raises:
-        LedgerError: the file is corrupt, another program's, or of a newer version.
+        LedgerError: the file is corrupt, another program's, of a newer version, or not writable.
     """
 
     def __init__(self, path: Path):
@@ -40,6 +47,9 @@ class Database:
         self._writing = self.engine.execution_options(writes=True)
         try:
             migrate(self.engine)
+        except DBAPIError as error:
+            self.engine.dispose()
+            raise LedgerError(f"{path} cannot be written: {error.orig}.") from None
         except BaseException:
             self.engine.dispose()
             raise
@@ -68,7 +78,7 @@ def _engine(path: Path) -> Engine:
     @event.listens_for(engine, "connect")
     def _prepare(connection: Any, _: object) -> None:
         connection.isolation_level = None  # transactions are begun below, not by the driver
-        for pragma in ("journal_mode = WAL", "synchronous = FULL", "foreign_keys = ON"):
+        for pragma in PRAGMAS:
             connection.execute(f"PRAGMA {pragma}")
 
     @event.listens_for(engine, "begin")
@@ -88,7 +98,7 @@ def examine(path: Path) -> None:
     if not path.exists():
         return
     try:
-        with closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True)) as opened:
+        with closing(sqlite3.connect(_untouched(path), uri=True)) as opened:
             verdict = opened.execute("PRAGMA quick_check(1)").fetchone()[0]
             names = {name for (name,) in opened.execute("SELECT name FROM sqlite_master")}
             revision = _revision(opened) if "alembic_version" in names else None
@@ -107,6 +117,12 @@ def examine(path: Path) -> None:
             f"{path} was written by a newer version (revision {revision}; this version knows up "
             f"to {known_revisions()[0]}). Update hide-seek."
         )
+
+
+def _untouched(path: Path) -> str:
+    """The address under which SQLite reads a file and makes none beside it."""
+    has_log = path.with_name(f"{path.name}-wal").exists()
+    return f"{path.absolute().as_uri()}?mode=ro{'' if has_log else '&immutable=1'}"
 
 
 def _revision(connection: sqlite3.Connection) -> str | None:

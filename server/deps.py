@@ -35,12 +35,15 @@ Cursor = Annotated[
 ]
 
 
-def _evaluation_id(evaluation: str, session: Reading) -> str:
-    return evaluations.row(session, evaluation).id
+def _evaluation_id(evaluation: str, hub: TheHub) -> str:
+    """Its session is short: one of `Reading` stays open while an answer is sent, perhaps hours."""
+    with hub.database.reading() as session:
+        return evaluations.row(session, evaluation).id
 
 
-def _episode_id(episode: str, session: Reading) -> str:
-    return episodes.row(session, episode).id
+def _episode_id(episode: str, hub: TheHub) -> str:
+    with hub.database.reading() as session:
+        return episodes.row(session, episode).id
 
 
 EvaluationId = Annotated[str, Depends(_evaluation_id)]

@@ -191,7 +191,7 @@ def failure_groups(session: Session, *, evaluation: str) -> list[FailureGroup]:
         .where(Episode.evaluation_id == evaluation, Episode.failure.is_not(None))
         .group_by(Episode.category, Episode.task, Episode.failure)
         .order_by(count.desc(), Episode.task, Episode.failure)
-    ).tuples()
+    )
     return [
         FailureGroup.model_validate(
             {"category": category, "task": task, "failure": failure, "episodes": number}

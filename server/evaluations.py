@@ -114,7 +114,7 @@ def _check_replay(session: Session, version: PolicyVersion, specs: Sequence[Epis
             select(Episode.task, Episode.split, Episode.index).where(
                 Episode.evaluation_id == source, Episode.state == EpisodeState.FINAL
             )
-        ).tuples()
+        )
     )
     for spec in specs:
         if (spec.task, spec.split, spec.index) not in there:
@@ -220,7 +220,7 @@ def counts(session: Session, evaluations: Iterable[str]) -> dict[str, Counts]:
         )
         .where(Episode.evaluation_id.in_(list(evaluations)))
         .group_by(Episode.evaluation_id)
-    ).tuples()
+    )
     return {id: Counts(*numbers) for id, *numbers in found}
 
 

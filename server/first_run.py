@@ -14,6 +14,7 @@ def evaluate_references(session: Session, *, episodes: int | None = None) -> boo
     """Queues the reference policies on all tasks if the ledger has no evaluation yet."""
     if session.scalar(select(Evaluation.id).limit(1)) is not None:
         return False
-    for name in REFERENCES:
-        evaluations.create(session, EvaluationCreate(policy=name, episodes=episodes))
+    for number, name in enumerate(REFERENCES, start=1):  # one after the other, behind users' own
+        wanted = EvaluationCreate(policy=name, episodes=episodes, priority=-number)
+        evaluations.create(session, wanted)
     return True

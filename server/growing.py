@@ -8,6 +8,7 @@ import asyncio
 import hashlib
 from collections.abc import AsyncIterator
 from pathlib import Path
+from typing import BinaryIO
 from uuid import uuid4
 
 from workers.protocol import Stored
@@ -25,6 +26,7 @@ class Growing:
 
     def __init__(self, path: Path):
         self.path = path
+        self.place = path  # where it is, or will be, once it is complete
         self.size = 0  # bytes that are on disk
         self.done = False
         self._more = asyncio.Event()
@@ -56,7 +58,7 @@ class Growing:
 
     async def follow(self) -> AsyncIterator[bytes]:
         """Everything from the first byte on, as it comes."""
-        with open(self.path, "rb") as file:  # stays open when the file moves to its place
+        with self._opened() as file:  # stays open when the file moves to its place
             while True:
                 more = self._more
                 if piece := file.read(PIECE):
@@ -65,6 +67,13 @@ class Growing:
                     return
                 else:
                     await more.wait()
+
+
+    def _opened(self) -> BinaryIO:
+        try:
+            return open(self.path, "rb")
+        except FileNotFoundError:
+            return open(self.place, "rb")
 
 
 class GrowingRecordings:

@@ -100,7 +100,7 @@ def _counted(session: Session, evaluations: list[str]) -> dict[str, ByTask]:
         )
         .where(Episode.evaluation_id.in_(evaluations))
         .group_by(Episode.evaluation_id, Episode.task)
-    ).tuples()
+    )
     counted: dict[str, ByTask] = defaultdict(dict)
     for evaluation, task, episodes, success, exact in found:
         counted[evaluation][task] = Counts(episodes, episodes, 0, success, exact)

@@ -24,11 +24,16 @@ def after(cursor: str | None, kinds: Sequence[type]) -> Place | None:
         return None
     try:
         place = json.loads(base64.urlsafe_b64decode(cursor.encode() + b"=="))
-        if [type(part) for part in place] != list(kinds):
+        if [type(part) for part in place] != list(kinds) or not all(map(_is_storable, place)):
             raise ValueError
     except (ValueError, TypeError):
         raise invalid("cursor", "was not given out by this list; leave it out to begin") from None
     return list(place)
+
+
+def _is_storable(part: str | int) -> bool:
+    """True for what a database can compare with."""
+    return abs(part) < 2**63 if isinstance(part, int) else part.isprintable()
 
 
 def page(

@@ -6,7 +6,7 @@ Times are RFC 3339 in UTC. Rates are 0 to 1, with 95 % Wilson intervals.
 from datetime import datetime
 from typing import Annotated, Any, Generic, Literal, Self, TypeVar
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, StrictBool
 
 from hide_tasks.contract import (
     Category,
@@ -100,10 +100,10 @@ class EvaluationCreate(_Given):
     tasks: Annotated[list[str], Field(min_length=1)] | None = None  # default: all
     category: Category | None = None  # only tasks of this kind
     split: Split = "test"
-    episodes: Annotated[int, Field(ge=1)] | None = None  # per task, the first so many; all
+    episodes: Annotated[int, Field(ge=1, strict=True)] | None = None  # per task, the first so many; all
     rules: Rules = "hide"
-    priority: Annotated[int, Field(ge=-100, le=100)] = 0  # higher goes first
-    recordings: bool = True
+    priority: Annotated[int, Field(ge=-100, le=100, strict=True)] = 0  # higher goes first
+    recordings: StrictBool = True
 
 
 class Matrix(_Given):
@@ -113,10 +113,10 @@ class Matrix(_Given):
     tasks: Annotated[list[str], Field(min_length=1)] | None = None
     category: Category | None = None
     split: Split = "test"
-    episodes: Annotated[int, Field(ge=1)] | None = None
+    episodes: Annotated[int, Field(ge=1, strict=True)] | None = None
     rules: Rules = "hide"
-    priority: Annotated[int, Field(ge=-100, le=100)] = 0
-    recordings: bool = True
+    priority: Annotated[int, Field(ge=-100, le=100, strict=True)] = 0
+    recordings: StrictBool = True
 
 
 class BatchCreate(_Given):

@@ -11,7 +11,7 @@ from alembic import op
 revision = "0001"
 down_revision = None
 
-MOVES = {
+MOVES: dict[str, dict[str, tuple[str, ...]]] = {
     "evaluations": {
         "queued": ("running", "completed", "incomplete", "cancelled"),
         "running": ("completed", "incomplete", "cancelled"),
@@ -57,6 +57,8 @@ FORBIDDEN = (  # table, what, when, the message
     ("divergences", "UPDATE", "TRUE", "alarms are immutable"),
     ("divergences", "DELETE", "TRUE", "alarms are immutable"),
     ("blobs", "UPDATE", "TRUE", "blobs are immutable"),
+    ("blobs", "DELETE", "TRUE", "blobs are immutable"),
+    ("attempts", "DELETE", "OLD.state <> 'open'", "an ended attempt is immutable"),
 )
 
 

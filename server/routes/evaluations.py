@@ -24,6 +24,7 @@ from server.schemas import (
 from server.states import EvaluationState
 
 router = APIRouter(tags=["evaluations"])
+LAST_EVENT = 2**63 - 1  # what the ledger can number
 IdempotencyKey = Annotated[
     str | None,
     Header(max_length=200, description="The same key and request again give the same evaluation."),
@@ -128,8 +129,10 @@ def resume_evaluation(evaluation: str, hub: TheHub) -> EvaluationPublic:
 async def follow_evaluation(
     evaluation: EvaluationId,
     hub: TheHub,
-    after: Annotated[int, Query(ge=0, description="Only events after this number.")] = 0,
-    last_event_id: Annotated[int | None, Header(ge=0)] = None,
+    after: Annotated[
+        int, Query(ge=0, le=LAST_EVENT, description="Only events after this number.")
+    ] = 0,
+    last_event_id: Annotated[int | None, Header(ge=0, le=LAST_EVENT)] = None,
 ) -> AsyncIterator[ServerSentEvent]:
     """What happens to it, as server-sent events, until it has ended.
 

@@ -35,10 +35,13 @@ async def receive_recording(
     growing = hub.recordings.open(episode)
     try:
         stored = await growing.fill(request.stream())
+        growing.place = hub.blobs.path(stored.sha256)
         await asyncio.to_thread(hub.blobs.take, growing.path, stored.sha256)
     except (ClientDisconnect, TooLarge) as error:
         hub.recordings.forget(episode, growing)
         raise Problem(400, "broken_off", str(error) or "The recording broke off.") from None
+    except FileNotFoundError:  # the attempt was ended, and its recordings were forgotten
+        raise Problem(409, "stale_attempt", f"Attempt {attempt} has ended.") from None
     except BaseException:
         hub.recordings.forget(episode, growing)
         raise

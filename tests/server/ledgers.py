@@ -3,7 +3,9 @@
 import base64
 import io
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 from PIL import Image
@@ -24,6 +26,7 @@ from hide_tasks.suite import scene_hash
 from server import evaluations, lifecycle, policies
 from server.blobs import Blobs
 from server.commit import commit
+from server.data_folder import LEDGER
 from server.db import Database
 from server.models import Attempt, Episode, Evaluation, Shard
 from server.schemas import EvaluationCreate, PolicyCreate
@@ -40,10 +43,21 @@ Outcomes = Callable[[EpisodeSpec], Outcome]
 
 def opened(folder: Path) -> Database:
     """A new ledger with the built-in policies."""
-    database = Database(folder / "ledger.sqlite3")
-    with database.writing() as session:
-        policies.register_builtin(session)
-    return database
+    path = folder / LEDGER
+    if not path.exists():
+        path.write_bytes(_new_ledger())
+    return Database(path)
+
+
+@cache
+def _new_ledger() -> bytes:
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / LEDGER
+        database = Database(path)
+        with database.writing() as session:
+            policies.register_builtin(session)
+        database.close()
+        return path.read_bytes()
 
 
 def registered(database: Database, name: str) -> str:

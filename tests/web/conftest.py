@@ -1,0 +1,27 @@
+"""One filled site for all tests of pages: they read, and change nothing."""
+
+import warnings
+from collections.abc import Iterator
+
+import pytest
+
+from tests.web import sites
+
+with warnings.catch_warnings():
+    warnings.simplefilter("ignore")  # Starlette would rather have another HTTP library
+    from fastapi.testclient import TestClient
+
+
+@pytest.fixture(scope="session")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[sites.Site]:
+    """The application with evaluations in every state."""
+    app = sites.empty(tmp_path_factory.mktemp("site"))
+    found = sites.filled(app, tmp_path_factory.mktemp("recordings"))
+    yield found
+    found.hub.stop()
+
+
+@pytest.fixture
+def client(site: sites.Site) -> TestClient:
+    """A client of the site; what the server raises becomes its answer."""
+    return TestClient(site.app, base_url="http://127.0.0.1", raise_server_exceptions=False)

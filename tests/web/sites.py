@@ -1,0 +1,158 @@
+"""The whole application over a real ledger with evaluations in every state, for tests of pages."""
+
+import itertools
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from fastapi import FastAPI
+from sqlalchemy.orm import Session
+
+from hide_tasks.contract import Belief, EpisodeSpec, Failure
+from server import lifecycle
+from server.commit import commit
+from server.hub import Hub
+from server.models import Attempt, Evaluation, Shard
+from server.settings import Settings
+from tests.server import ledgers
+from web.app import create_app
+from workers.hidden_trace import HiddenTrace
+from workers.policies import BuiltIn
+from workers.protocol import EpisodeCommit, measured_digest
+from workers.simulator import EpisodeJob, play_episode
+
+KILLED = "The worker's process was killed (SIGKILL)."
+NASTY = "<script>alert('detail')</script>"
+
+
+@dataclass(frozen=True)
+class Site:
+    """An application and what is in its ledger."""
+
+    app: FastAPI
+    completed: str  # every kind of failure, both verdicts
+    running: str
+    queued: str
+    incomplete: str
+    cancelled: str
+    recorded: str  # one episode, played by the expert, with its recording
+
+    @property
+    def hub(self) -> Hub:
+        """Its ledger and its files."""
+        hub: Hub = self.app.state.hub
+        return hub
+
+    def episodes(self, evaluation: str, **fields: object) -> list[str]:
+        """Ids of an evaluation's episodes whose fields have these values."""
+        with self.hub.database.reading() as session:
+            return [
+                one.id
+                for one in ledgers.episodes_of(session, evaluation)
+                if all(getattr(one, name) == value for name, value in fields.items())
+            ]
+
+
+def empty(data: Path) -> FastAPI:
+    """The application over a ledger without evaluations; nothing is handed out."""
+    data.mkdir(parents=True, exist_ok=True)
+    ledgers.opened(data).close()
+    return create_app(Settings(data=data, workers=0, references=False))
+
+
+def filled(app: FastAPI, recordings: Path) -> Site:
+    """The application after its ledger got evaluations in every state."""
+    hub: Hub = app.state.hub
+    database, store = hub.database, hub.blobs
+    ledgers.evaluated(database, store, "expert")
+    for name in ("mine", "slow", "broken", "late"):
+        ledgers.registered(database, name)
+    completed = ledgers.evaluated(database, store, "mine", every_outcome())
+    recorded = _recorded(hub, recordings)
+    cancelled = _begun(hub, "slow")
+    with database.writing() as session:
+        lifecycle.cancel(session, session.get_one(Evaluation, cancelled))
+    incomplete = _begun(hub, "broken", tasks=["search_drawer"], episodes=5)
+    while _lost(hub):
+        pass
+    running = _begun(hub, "late")
+    with database.writing() as session:
+        attempt, shard = taken(session)
+        lifecycle.begin(session, attempt, lifecycle.open_episodes(shard)[0])
+        queued = ledgers.created(session, "mine").id
+    return Site(app, completed, running, queued, incomplete, cancelled, recorded)
+
+
+def taken(session: Session) -> tuple[Attempt, Shard]:
+    """The next attempt."""
+    found = ledgers.leased(session)
+    assert found
+    return found
+
+
+def every_outcome() -> Callable[[EpisodeSpec], ledgers.Outcome]:
+    """Exact and every failure in turn."""
+    outcomes = itertools.cycle([None, *Failure])
+    return lambda _: next(outcomes)
+
+
+def _begun(hub: Hub, policy: str, **wanted: object) -> str:
+    """An evaluation of which the first episode is final and the first attempt lost."""
+    with hub.database.writing() as session:
+        evaluation = ledgers.created(session, policy, **wanted).id
+        attempt, shard = taken(session)
+        episode = lifecycle.open_episodes(shard)[0]
+        lifecycle.begin(session, attempt, episode)
+        spec = lifecycle.spec_of(episode)
+        what = ledgers.result_of(spec, Failure.POLICY_ERROR, detail=NASTY)
+        commit(session, hub.blobs, attempt, episode, what)
+        session.flush()
+        lifecycle.end_attempt(session, attempt, KILLED)
+        return evaluation
+
+
+def _lost(hub: Hub) -> bool:
+    """Loses the next attempt; False if none waits."""
+    with hub.database.writing() as session:
+        found = ledgers.leased(session)
+        if found:
+            lifecycle.end_attempt(session, found[0], KILLED)
+        return found is not None
+
+
+def _recorded(hub: Hub, folder: Path) -> str:
+    with hub.database.writing() as session:
+        wanted = {"tasks": ["push_button_times"], "episodes": 1, "split": "val"}
+        evaluation = ledgers.created(session, "expert", **wanted).id
+        attempt, shard = taken(session)
+        [episode] = lifecycle.open_episodes(shard)
+        lifecycle.begin(session, attempt, episode)
+        what, file = played(lifecycle.spec_of(episode), folder)
+        recording = hub.blobs.put(file.read_bytes())
+        what = what.model_copy(update={"recording": recording})
+        commit(session, hub.blobs, attempt, episode, what)
+        session.flush()
+        lifecycle.end_attempt(session, attempt, None)
+        return evaluation
+
+
+def played(spec: EpisodeSpec, folder: Path) -> tuple[EpisodeCommit, Path]:
+    """An expert's episode that also has beliefs, and its recording."""
+    trace = HiddenTrace()
+    job = EpisodeJob(spec, BuiltIn("expert"), "expert", recordings=folder)
+    episode = play_episode(job, trace)
+    decisions = tuple(
+        one.model_copy(update={"belief": Belief(stage_count=one.decision // 2)})
+        for one in episode.decisions
+    )
+    result = episode.result.model_copy(update={"recording": None})
+    measured = (result, trace.start, decisions, tuple(trace.changes))
+    what = EpisodeCommit(
+        result=measured[0],
+        start=measured[1],
+        decisions=measured[2],
+        changes=measured[3],
+        thumbnail=trace.thumbnail,
+        digest=measured_digest(*measured),
+    )
+    return what, folder / f"{spec.name}.rrd"

@@ -1,0 +1,264 @@
+"""The pages in a real browser: whole at every width, quiet, and the replay in step."""
+
+import socket
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from shutil import which
+from typing import Any
+
+import pytest
+import uvicorn
+from playwright.sync_api import Browser, Page, Request, sync_playwright
+
+from server import lifecycle
+from server.commit import commit
+from server.models import Attempt, Episode
+from server.states import EpisodeState
+from tests.server import ledgers
+from tests.web import sites
+from tests.web.sites import Site
+
+CHROMIUM = which("chromium") or which("chromium-browser")
+FLAGS = [
+    "--no-sandbox",
+    "--use-gl=angle",
+    "--use-angle=swiftshader",  # WebGL2 without a GPU
+    "--enable-unsafe-swiftshader",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+    "--no-first-run",
+    "--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1",
+]
+WIDTHS = {"desk": 1440, "phone": 390}
+STATE = """async () => {
+    const state = await document.querySelector("#viewer").viewer?.get_state();
+    const plain = (_, value) => typeof value === "bigint" ? Number(value) : value;
+    return state && JSON.parse(JSON.stringify(state, plain));
+}"""
+VALUE = "Number(document.querySelector('#timeline').getAttribute('aria-valuenow'))"
+
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(not CHROMIUM, reason="no chromium: apt-get install chromium"),
+]
+
+
+@pytest.fixture(scope="module")
+def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Site, str]]:
+    """A filled site on a port of its own, and its address."""
+    app = sites.empty(tmp_path_factory.mktemp("site"))
+    server = uvicorn.Server(uvicorn.Config(app, log_config=None, timeout_graceful_shutdown=1))
+    with socket.socket() as listening:
+        listening.bind(("127.0.0.1", 0))
+        listening.listen()
+        thread = threading.Thread(target=server.run, kwargs={"sockets": [listening]})
+        thread.start()
+        try:
+            while not server.started:  # what runs before that is taken back
+                assert thread.is_alive(), "the server did not start"
+                time.sleep(0.01)
+            site = sites.filled(app, tmp_path_factory.mktemp("recordings"))
+            yield site, f"http://127.0.0.1:{listening.getsockname()[1]}"
+        finally:
+            app.state.hub.bell.close()
+            server.should_exit = True
+            thread.join(timeout=20)
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    with sync_playwright() as playwright:
+        started = playwright.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
+        yield started
+        started.close()
+
+
+@contextmanager
+def opened(browser: Browser, address: str, width: int = 1000, **options: Any) -> Iterator[Page]:
+    """A page that may neither complain nor ask anybody else."""
+    context = browser.new_context(viewport={"width": width, "height": 800}, **options)
+    page = context.new_page()
+    complaints: list[str] = []
+
+    def asked(request: Request) -> None:
+        if not request.url.startswith((address, "data:")):
+            complaints.append(f"asked {request.url}")
+
+    page.on("console", lambda said: said.type == "error" and complaints.append(said.text))
+    page.on("pageerror", lambda error: complaints.append(str(error)))
+    page.on("request", asked)
+    try:
+        yield page
+        assert complaints == []
+    finally:
+        context.close()
+
+
+def until(page: Page, condition: str, seconds: float = 90) -> Any:
+    """What an expression gives as soon as it gives something; a CSP forbids wait_for_function."""
+    deadline = time.monotonic() + seconds
+    while not (found := page.evaluate(condition)):
+        assert time.monotonic() < deadline, f"{condition} did not come true in {seconds:.0f} s"
+        page.wait_for_timeout(100)
+    return found
+
+
+def paths(site: Site) -> list[str]:
+    """Every page but those with the viewer."""
+    [pending, *_] = site.episodes(site.running, state=EpisodeState.PENDING)
+    return [
+        "/",
+        "/?split=val&verdict=exact",
+        "/evaluations",
+        "/evaluations/new",
+        "/tasks",
+        "/tasks/push_button_times",
+        *(f"/evaluations/{id}" for id in (site.completed, site.running, site.incomplete)),
+        f"/evaluations/{site.completed}/failures?task=search_drawer",
+        f"/episodes/{pending}",
+    ]
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("width", WIDTHS.values(), ids=WIDTHS)
+def test_every_page_fits_and_is_quiet(
+    served: tuple[Site, str], browser: Browser, width: int, scheme: str
+) -> None:
+    site, address = served
+    with opened(browser, address, width, color_scheme=scheme) as page:
+        for path in paths(site):
+            page.goto(address + path)
+            page.wait_for_timeout(50)
+
+            overflow = page.evaluate("document.documentElement.scrollWidth - innerWidth")
+            assert overflow <= 0, path
+            assert page.evaluate("document.styleSheets.length") >= 2
+
+
+def test_a_form_that_is_wrong_says_so_beside_the_field(
+    served: tuple[Site, str], browser: Browser
+) -> None:
+    _, address = served
+    context = browser.new_context()
+    page = context.new_page()
+    page.goto(f"{address}/evaluations/new")
+    page.fill("#episodes", "1000")
+
+    page.click("text=Start")
+    page.wait_for_selector("[role=alert]:visible")
+
+    assert page.inner_text("#episodes-error")
+    assert page.get_attribute("#episodes", "aria-invalid") == "true"
+    context.close()
+
+
+def test_an_evaluation_is_started_and_cancelled(served: tuple[Site, str], browser: Browser) -> None:
+    _, address = served
+    with opened(browser, address) as page:
+        page.goto(f"{address}/evaluations/new?policy=noop")
+        page.check("input[value=some]")
+        page.check("input[name=tasks][value=reopen_drawer]")
+        page.fill("#episodes", "3")
+        page.click("text=Start")
+        page.wait_for_url("**/evaluations/ev*")
+        assert page.locator(".cell.pending:is(a)").count() == 3
+
+        page.on("dialog", lambda dialog: dialog.accept())
+        page.click("text=Cancel")
+        page.wait_for_selector(".state.cancelled")
+
+
+def test_cells_change_while_episodes_finish(served: tuple[Site, str], browser: Browser) -> None:
+    site, address = served
+    [running] = site.episodes(site.running, state=EpisodeState.RUNNING)
+    with opened(browser, address) as page:
+        page.goto(f"{address}/evaluations/{site.running}")
+        page.wait_for_selector(f"#cell-{running}.running")
+        before = page.inner_text('[data-progress="final"]')
+        page.wait_for_timeout(500)
+
+        with site.hub.database.writing() as session:
+            episode = session.get_one(Episode, running)
+            attempt = (
+                session.query(Attempt).filter_by(shard_id=episode.shard_id, state="open").one()
+            )
+            what = ledgers.result_of(lifecycle.spec_of(episode))
+            commit(session, site.hub.blobs, attempt, episode, what)
+
+        page.wait_for_selector(f"#cell-{running}.exact", timeout=10_000)
+        until(page, f"document.querySelector('[data-progress=final]').textContent !== '{before}'")
+
+
+# --- the replay ---
+
+
+def replay(site: Site, address: str) -> str:
+    [id] = site.episodes(site.recorded)
+    return f"{address}/episodes/{id}"
+
+
+def test_the_replay_is_in_step_with_the_timeline(
+    served: tuple[Site, str], browser: Browser
+) -> None:
+    site, address = served
+    with opened(browser, address, 900) as page:
+        page.goto(replay(site, address))
+        until(page, f"({STATE})().then(state => state?.recordings[0]?.current_time)")
+
+        page.focus("#timeline")
+        for _ in range(3):
+            page.keyboard.press("ArrowRight")
+        third = page.evaluate(VALUE)
+        shown = until(
+            page,
+            f"({STATE})().then(state => Math.abs(state.recordings[0].current_time.time / 1e9"
+            f" - {third}) < 1e-3 && state)",
+        )
+        page.wait_for_timeout(3000)
+        reports = [view["reports"] for view in page.evaluate(STATE)["views"]]
+
+        row = page.get_attribute("[data-decision='3'] .seek", "data-seek")
+        assert third == pytest.approx(float(row or 0), abs=1e-3)
+        assert "decision 3" in (page.get_attribute("#timeline", "aria-valuetext") or "")
+        assert "presses done" in (page.get_attribute("#timeline", "aria-valuetext") or "")
+        assert page.locator("tr.now").get_attribute("data-decision") == "3"
+        assert shown["recordings"][0]["play_state"] == "paused"
+        assert {"Scene", "front", "wrist"} <= {view["name"] for view in shown["views"]}
+        assert [report for one in reports for report in one] == []
+
+        to = '{timeline: "time", duration_nanos: 1e9, play_state: "paused"}'
+        page.evaluate(f"document.querySelector('#viewer').viewer.set_time({to})")
+        until(page, f"Math.abs({VALUE} - 1) < 1e-3")
+
+
+def test_a_browser_without_webassembly_is_offered_the_recording(
+    served: tuple[Site, str], browser: Browser
+) -> None:
+    site, address = served
+    context = browser.new_context()
+    page = context.new_page()
+    page.add_init_script("delete window.WebAssembly")
+
+    page.goto(replay(site, address))
+    page.wait_for_selector("#no-viewer:visible", timeout=20_000)
+
+    with page.expect_download() as download:
+        page.click("#no-viewer a")
+    assert download.value.suggested_filename == "push_button_times-val-000.rrd"
+    assert page.is_hidden("#viewer")
+    context.close()
+
+
+def test_previous_and_next_are_keys(served: tuple[Site, str], browser: Browser) -> None:
+    site, address = served
+    first, second, *_ = site.episodes(site.completed)
+    with opened(browser, address) as page:
+        page.goto(f"{address}/episodes/{first}")
+
+        page.keyboard.press("n")
+        page.wait_for_url(f"**/episodes/{second}")
+        page.keyboard.press("p")
+        page.wait_for_url(f"**/episodes/{first}")

@@ -1,0 +1,299 @@
+"""Pages, rendered from a real ledger: what stands on them and where they lead."""
+
+import re
+from collections import defaultdict
+from html import unescape
+from pathlib import Path
+
+import pytest
+from fastapi.testclient import TestClient
+
+from hide_tasks import ALL_TASKS
+from hide_tasks.contract import Failure
+from server.states import EpisodeState
+from tests.web import sites
+from tests.web.sites import Site
+from web.wording import FAILURES, OUTCOMES
+
+WHOLE = ["/", "/?verdict=exact", "/?split=val", "/evaluations", "/evaluations/new", "/tasks"]
+STATES = ["completed", "running", "queued", "incomplete", "cancelled", "recorded"]
+
+
+def page(client: TestClient, path: str, status: int = 200) -> str:
+    """The text of a page."""
+    response = client.get(path)
+    assert response.status_code == status, response.text[:2000]
+    assert response.headers["content-type"].startswith("text/html")
+    return response.text
+
+
+def links(text: str) -> list[str]:
+    """Where a page leads."""
+    return [unescape(one) for one in re.findall(r'href="([^"]+)"', text)]
+
+
+def every_page(site: Site) -> list[str]:
+    """A path of every page in every state."""
+    paths = WHOLE + [f"/tasks/{name}" for name in ALL_TASKS]
+    for state in STATES:
+        evaluation = getattr(site, state)
+        paths += [f"/evaluations/{evaluation}", f"/evaluations/{evaluation}/failures"]
+    for state in EpisodeState:
+        paths.append(f"/episodes/{site.episodes(site.running, state=state)[0]}")
+    paths += [f"/episodes/{id}" for id in site.episodes(site.recorded)]
+    paths += [
+        f"/episodes/{site.episodes(site.completed, failure=failure)[0]}" for failure in Failure
+    ]
+    return paths
+
+
+def test_every_page_is_whole_in_every_state(client: TestClient, site: Site) -> None:
+    for path in every_page(site):
+        text = page(client, path)
+
+        assert text.rstrip().endswith("</html>")
+        assert re.search(r"<title>\S.* · HIDE-SEEK</title>", text), path
+        assert len(re.findall(r"<h1", text)) == 1, path
+
+
+def test_every_link_leads_somewhere(client: TestClient, site: Site) -> None:
+    [running] = site.episodes(site.running, state=EpisodeState.RUNNING)
+    found = {link for path in every_page(site) for link in links(page(client, path))}
+    found -= {f"/api/v1/episodes/{running}/recording.rrd"}  # nothing of it has come in
+    shapes: dict[str, list[str]] = defaultdict(list)
+    for link in sorted(found):
+        shapes[re.sub(r"[a-z]{2}_[0-9A-Z]{26}", "id", link)].append(link.partition("#")[0])
+
+    some = {link for alike in shapes.values() for link in alike[:2] if link}
+    broken = [link for link in sorted(some) if client.get(link).status_code != 200]
+
+    assert broken == []
+
+
+def test_no_page_has_scripts_or_styles_of_its_own(client: TestClient, site: Site) -> None:
+    for path in every_page(site):
+        text = page(client, path)
+
+        own = re.findall(r"<[^>]* style=|<style|<script(?![^>]* src=)|<[^>]* on[a-z]+=", text)
+        assert own == [], path
+
+
+# --- the leaderboard ---
+
+
+def test_the_leaderboard_ranks_policies_and_shows_references_apart(client: TestClient) -> None:
+    text = page(client, "/")
+
+    places = [text.index(part) for part in (">mine<", "Reference policies", ">expert<")]
+    assert places == sorted(places)
+    assert "best without memory" in text
+    assert all(f'href="/tasks/{name}"' in text for name in ALL_TASKS)
+
+
+def test_a_cell_of_the_leaderboard_leads_to_its_episodes(client: TestClient, site: Site) -> None:
+    [cell] = [
+        link
+        for link in links(page(client, "/"))
+        if site.completed in link and "task=search_drawer" in link
+    ]
+
+    text = page(client, cell)
+
+    wanted = site.episodes(site.completed, task="search_drawer")
+    assert text.count('<a href="/episodes/') == len(wanted)
+
+
+def test_the_verdict_that_ranks_is_switched_in_the_address(client: TestClient) -> None:
+    assert '"/?verdict=exact"' in page(client, "/")
+    assert '<a href="/?verdict=exact" aria-current="true">' in page(client, "/?verdict=exact")
+
+
+def test_an_empty_leaderboard_tells_what_to_do(tmp_path: Path) -> None:
+    app = sites.empty(tmp_path)
+
+    text = page(TestClient(app, base_url="http://127.0.0.1"), "/")
+
+    app.state.hub.stop()
+    assert "No complete evaluation" in text
+    assert 'href="/evaluations/new"' in text
+
+
+# --- evaluations ---
+
+
+def test_evaluations_are_filtered_by_the_address(client: TestClient, site: Site) -> None:
+    text = page(client, "/evaluations?state=incomplete&policy=")
+
+    found = {link for link in links(text) if link.startswith("/evaluations/ev")}
+    assert found == {f"/evaluations/{site.incomplete}"}
+
+
+def test_the_grid_shows_every_episode_without_a_script(client: TestClient, site: Site) -> None:
+    text = page(client, f"/evaluations/{site.completed}")
+
+    for kind, wanted in {
+        "exact": {"exact": True},
+        "success": {"success": True, "exact": False},
+        "failed": {"success": False},
+    }.items():
+        cells = re.findall(rf'id="cell-[^"]+" class="cell {kind}"', text)
+        assert len(cells) == len(site.episodes(site.completed, **wanted))
+
+
+def test_an_evaluation_says_why_it_waits_and_what_was_lost(client: TestClient, site: Site) -> None:
+    assert "waits for a worker" in page(client, f"/evaluations/{site.queued}")
+    assert "Attempts that were lost" in page(client, f"/evaluations/{site.incomplete}")
+    assert "killed (SIGKILL)" in page(client, f"/evaluations/{site.incomplete}")
+
+
+def test_only_what_can_be_resumed_or_cancelled_offers_it(client: TestClient, site: Site) -> None:
+    offered = {
+        state: set(re.findall(r'data-send="(\w+)"', page(client, f"/evaluations/{id}")))
+        for state in STATES
+        if (id := getattr(site, state))
+    }
+
+    assert offered["running"] == offered["queued"] == {"cancellation"}
+    assert offered["incomplete"] == {"resumption"}
+    assert offered["completed"] == offered["cancelled"] == set()
+
+
+def test_the_form_offers_every_policy_and_task(client: TestClient) -> None:
+    text = page(client, "/evaluations/new?policy=mine")
+
+    assert '<option value="mine@1" selected>' in text
+    assert all(f'name="tasks" value="{name}"' in text for name in ALL_TASKS)
+
+
+# --- failures ---
+
+
+def test_every_failure_is_one_click_from_its_replay(client: TestClient, site: Site) -> None:
+    text = page(client, f"/evaluations/{site.completed}/failures")
+    shown = shown_on(text)
+    while more := re.search(r'href="([^"]+)" rel="next"', text):
+        text = page(client, unescape(more[1]).partition("#")[0])
+        shown |= shown_on(text)
+
+    assert shown == set(site.episodes(site.completed, exact=False))
+
+
+def shown_on(text: str) -> set[str]:
+    """Ids of the episodes that a page leads to."""
+    found = (link.partition("?")[0] for link in links(text) if link.startswith("/episodes/"))
+    return {link.removeprefix("/episodes/") for link in found}
+
+
+def test_a_count_leads_to_so_many_episodes(client: TestClient, site: Site) -> None:
+    text = page(client, f"/evaluations/{site.completed}/failures")
+    counts = re.findall(r'<a href="([^"]*failure=[^"]*)#episodes">(\d+)</a>', text)
+
+    assert counts
+    for link, count in counts:
+        assert page(client, unescape(link)).count('<a href="/episodes/') == int(count)
+
+
+def test_a_filter_that_names_nothing_is_refused(client: TestClient, site: Site) -> None:
+    text = page(client, f"/evaluations/{site.completed}/failures?failure=bad_luck", 422)
+
+    assert "failure" in text
+
+
+def test_an_empty_filter_is_none(client: TestClient, site: Site) -> None:
+    page(client, f"/evaluations/{site.completed}/failures?failure=&task=&category=&verdict=")
+
+
+# --- episodes ---
+
+
+def test_an_episode_says_what_its_failure_means(client: TestClient, site: Site) -> None:
+    for failure in Failure:
+        [id, *_] = site.episodes(site.completed, failure=failure)
+
+        assert FAILURES[failure] in unescape(page(client, f"/episodes/{id}"))
+
+
+def test_neighbours_are_those_of_the_filter(client: TestClient, site: Site) -> None:
+    first, second, *_ = site.episodes(site.completed, failure=Failure.OVERCOUNT)
+
+    plain, filtered = (
+        page(client, f"/episodes/{first}{query}") for query in ("", "?failure=overcount")
+    )
+
+    assert f"/episodes/{second}?failure=overcount" in links(filtered)
+    assert f"/episodes/{second}" not in links(plain)
+    assert f"/evaluations/{site.completed}/failures?failure=overcount#episodes" in links(filtered)
+
+
+def test_an_episode_shows_hidden_state_belief_checks_and_decisions(
+    client: TestClient, site: Site
+) -> None:
+    [id] = site.episodes(site.recorded)
+
+    text = page(client, f"/episodes/{id}")
+
+    for lane in ("hidden</small> presses done", "belief</small> stage count", "check</small>"):
+        assert lane in text
+    assert 'role="slider"' in text
+    assert 'data-recording="/api/v1/episodes/' in text
+    assert len(re.findall(r'<tr data-decision="\d+"', text)) == text.count('class="seek"') > 3
+
+
+def test_a_running_episode_can_be_watched(client: TestClient, site: Site) -> None:
+    [id] = site.episodes(site.running, state=EpisodeState.RUNNING)
+
+    assert 'data-live="yes"' in page(client, f"/episodes/{id}")
+
+
+def test_what_a_policy_says_is_not_markup(client: TestClient, site: Site) -> None:
+    [id, *_] = site.episodes(site.running, failure=Failure.POLICY_ERROR)
+
+    text = page(client, f"/episodes/{id}")
+
+    assert sites.NASTY not in text
+    assert sites.NASTY in unescape(text)
+
+
+def test_every_failure_and_every_outcome_has_words() -> None:
+    from hide_tasks.contract import MotionOutcome
+
+    assert set(FAILURES) == set(Failure)
+    assert set(OUTCOMES) == set(MotionOutcome)
+
+
+# --- tasks ---
+
+
+def test_a_task_shows_both_moments_of_every_alias_pair(client: TestClient) -> None:
+    for name in ALL_TASKS:
+        text = page(client, f"/tasks/{name}")
+        pictures = re.findall(rf'src="(/static/tasks/{name}-alias-\d+-[ab]\.webp)"', text)
+
+        assert len(pictures) == 2 * text.count('class="alias"') > 0
+        assert {client.get(one).status_code for one in pictures} == {200}
+
+
+# --- what is not there ---
+
+
+@pytest.mark.parametrize("path", ["/nowhere", "/episodes/none", "/evaluations/none", "/tasks/none"])
+def test_what_is_not_there_is_a_page_that_says_so(client: TestClient, path: str) -> None:
+    text = page(client, path, 404)
+
+    assert "Not Found" in text
+    assert 'href="/evaluations"' in text
+
+
+def test_the_api_keeps_its_own_errors(client: TestClient) -> None:
+    for path in ("/api/v1/nowhere", "/api/v1/episodes/none"):
+        response = client.get(path)
+
+        assert response.status_code == 404
+        assert response.headers["content-type"] == "application/problem+json"
+
+
+def test_the_wrong_method_is_a_page_too(client: TestClient) -> None:
+    response = client.post("/tasks")
+
+    assert response.status_code == 405
+    assert "<h1>" in response.text

@@ -1,0 +1,135 @@
+"""Evaluations: the list, the form, the live grid, the failures."""
+
+from collections import defaultdict
+from collections.abc import Iterator, Sequence
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Query, Request
+from fastapi.responses import HTMLResponse
+from sqlalchemy.orm import Session
+
+from hide_tasks.contract import Category, Failure
+from server import episodes, evaluations, policies, tasks
+from server.deps import Reading
+from server.paging import MOST
+from server.schemas import AttemptPublic, EpisodePublic, FailureGroup, RatePublic, Verdicts
+from server.states import ENDED, AttemptState, EvaluationState
+from web.filters import EMPTY_IS_NONE, Filters
+from web.templating import page
+
+router = APIRouter(include_in_schema=False)
+
+LISTED = 50
+PICTURES = 60
+Filtered = Annotated[Filters, Query()]
+
+
+@router.get("/evaluations")
+def list_evaluations(
+    request: Request,
+    session: Reading,
+    state: Annotated[EvaluationState | None, EMPTY_IS_NONE] = None,
+    policy: Annotated[str | None, EMPTY_IS_NONE] = None,
+    cursor: str | None = None,
+) -> HTMLResponse:
+    """Evaluations, latest first."""
+    found = evaluations.listed(session, state=state, policy=policy, limit=LISTED, cursor=cursor)
+    names = list(dict.fromkeys(version.policy for version in policies.versions(session)))
+    shown = {
+        "found": found,
+        "states": list(EvaluationState),
+        "policies": names,
+        "state": state,
+        "policy": policy,
+        "cursor": cursor,
+    }
+    return page(request, "evaluations.html", shown)
+
+
+@router.get("/evaluations/new")
+def show_form(request: Request, session: Reading, policy: str | None = None) -> HTMLResponse:
+    """The form that starts an evaluation."""
+    shown = {
+        "versions": policies.versions(session),
+        "tasks": tasks.catalogue(),
+        "categories": list(Category),
+        "chosen": policy,
+    }
+    return page(request, "evaluation_new.html", shown)
+
+
+@router.get("/evaluations/{id}")
+def show_evaluation(request: Request, session: Reading, id: str) -> HTMLResponse:
+    """One evaluation as it stands; a script keeps it up to date."""
+    evaluation = evaluations.get(session, id)
+    rows = by_task(all_episodes(session, id))
+    shown = {
+        "evaluation": evaluation,
+        "ended": evaluation.state in ENDED,
+        "rows": {task: (found, verdicts_of(found)) for task, found in rows.items()},
+        "lost": lost(evaluations.attempts(session, id)),
+    }
+    return page(request, "evaluation.html", shown)
+
+
+@router.get("/evaluations/{id}/failures")
+def show_failures(request: Request, session: Reading, id: str, filters: Filtered) -> HTMLResponse:
+    """What went wrong, counted, and the episodes of it."""
+    evaluation = evaluations.get(session, id)
+    groups = episodes.failure_groups(session, evaluation=id)
+    wanted = filters.wanted()
+    found = episodes.listed(session, evaluation=id, limit=PICTURES, cursor=filters.cursor, **wanted)
+    shown = {
+        "evaluation": evaluation,
+        "table": failure_table(groups),
+        "names": sorted({group.failure for group in groups}, key=list(Failure).index),
+        "most": max((group.episodes for group in groups), default=1),
+        "total": sum(group.episodes for group in groups),
+        "found": found,
+        "filters": filters,
+    }
+    return page(request, "failures.html", shown)
+
+
+def all_episodes(session: Session, id: str, **wanted: Any) -> Iterator[EpisodePublic]:
+    """Every episode of an evaluation, or those that are wanted."""
+    cursor = None
+    while True:
+        found = episodes.listed(session, evaluation=id, limit=MOST, cursor=cursor, **wanted)
+        yield from found.items
+        cursor = found.next
+        if not cursor:
+            return
+
+
+def by_task(found: Iterator[EpisodePublic]) -> dict[str, list[EpisodePublic]]:
+    """Episodes by task, in the order of their indices."""
+    rows: dict[str, list[EpisodePublic]] = defaultdict(list)
+    for episode in found:
+        rows[episode.task].append(episode)
+    return {task: sorted(rows[task], key=lambda one: one.index) for task in sorted(rows)}
+
+
+def verdicts_of(found: Sequence[EpisodePublic]) -> Verdicts:
+    """Both verdicts over the episodes that are final."""
+    final = [episode for episode in found if episode.success is not None]
+    success = RatePublic.of(sum(bool(episode.success) for episode in final), len(final))
+    exact = RatePublic.of(sum(bool(episode.exact) for episode in final), len(final))
+    return Verdicts(success=success, exact=exact)
+
+
+def lost(attempts: Sequence[AttemptPublic]) -> list[AttemptPublic]:
+    """The attempts that were lost, latest first."""
+    found = [attempt for attempt in attempts if attempt.state is AttemptState.LOST]
+    return sorted(found, key=lambda attempt: attempt.leased, reverse=True)
+
+
+def failure_table(
+    groups: Sequence[FailureGroup],
+) -> dict[tuple[Category, str], dict[Failure, int]]:
+    """Counts by category and task, then by failure."""
+    rows: dict[tuple[Category, str], dict[Failure, int]] = {}
+    order = list(Category)
+    for group in sorted(groups, key=lambda one: (order.index(one.category), one.task)):
+        rows.setdefault((group.category, group.task), {})[group.failure] = group.episodes
+    return rows

@@ -1,0 +1,89 @@
+/** The hidden-state timeline as a slider: click, drag, arrow keys; time is in simulated seconds. */
+
+export class Timeline {
+  /**
+   * @param {HTMLElement} slider
+   * @param {(seconds: number) => void} seek called when the reader moves it
+   */
+  constructor(slider, seek) {
+    this.slider = slider;
+    this.end = Number(slider.dataset.end);
+    this.moments = (slider.dataset.moments ?? "0").split(" ").map(Number);
+    this.seconds = 0;
+    this.seek = seek;
+    this.spans = Array.from(slider.querySelectorAll("[data-said]"), (span) => {
+      const { begin, end, said } = /** @type {SVGElement} */ (span).dataset;
+      return { begin: Number(begin), end: Number(end), said };
+    });
+    this.cursor = /** @type {SVGLineElement} */ (slider.querySelector(".cursor"));
+    slider.addEventListener("pointerdown", (event) => this.#drag(event));
+    slider.addEventListener("keydown", (event) => this.#key(event));
+    this.show(0);
+  }
+
+  /** Move the cursor, without a call of `seek`. @param {number} seconds */
+  show(seconds) {
+    this.seconds = Math.min(Math.max(seconds, 0), this.end);
+    const at = `${(100 * this.seconds) / this.end}%`;
+    this.cursor.setAttribute("x1", at);
+    this.cursor.setAttribute("x2", at);
+    this.slider.setAttribute("aria-valuenow", this.seconds.toFixed(3));
+    this.slider.setAttribute("aria-valuetext", this.#told());
+    this.slider.dispatchEvent(new CustomEvent("moved", { detail: this.seconds }));
+  }
+
+  /** Move the cursor, and the viewer with it. @param {number} seconds */
+  go(seconds) {
+    this.show(seconds);
+    this.seek(this.seconds);
+  }
+
+  /** The decision that is under way. */
+  get decision() {
+    const after = this.moments.findIndex((moment) => moment > this.seconds + 1e-6);
+    return (after < 0 ? this.moments.length : after) - 1;
+  }
+
+  /** What a screen reader says: the time, the decision, the hidden state, the stage. */
+  #told() {
+    const last = this.decision >= this.moments.length - 1;
+    const where = last ? "end" : `decision ${this.decision}`;
+    const now = this.spans.filter(({ begin, end }) => begin <= this.seconds && (this.seconds < end || end >= this.end));
+    return [`${this.seconds.toFixed(2)} s`, where, ...now.map(({ said }) => said)].join(", ");
+  }
+
+  /** @param {PointerEvent} event */
+  #drag(event) {
+    if (event.button !== 0) return;
+    const box = this.slider.getBoundingClientRect();
+    /** @param {PointerEvent} at */
+    const move = (at) => this.go(((at.clientX - box.left) / box.width) * this.end);
+    const stop = () => this.slider.removeEventListener("pointermove", move);
+    this.slider.setPointerCapture(event.pointerId);
+    this.slider.addEventListener("pointermove", move);
+    this.slider.addEventListener("pointerup", stop, { once: true });
+    this.slider.addEventListener("pointercancel", stop, { once: true });
+    move(event);
+  }
+
+  /** @param {KeyboardEvent} event */
+  #key(event) {
+    if (event.ctrlKey || event.metaKey || event.altKey) return;
+    const before = this.moments.findLast((moment) => moment < this.seconds - 1e-3) ?? 0;
+    const after = this.moments.find((moment) => moment > this.seconds + 1e-3) ?? this.end;
+    /** @type {Record<string, number>} */
+    const places = {
+      ArrowLeft: event.shiftKey ? this.seconds - 0.1 : before,
+      ArrowDown: before,
+      ArrowRight: event.shiftKey ? this.seconds + 0.1 : after,
+      ArrowUp: after,
+      PageDown: this.seconds - this.end / 10,
+      PageUp: this.seconds + this.end / 10,
+      Home: 0,
+      End: this.end,
+    };
+    if (!(event.key in places)) return;
+    event.preventDefault();
+    this.go(places[event.key]);
+  }
+}

@@ -1,0 +1,97 @@
+"""Templates, with the words and charts that every page may use."""
+
+import hashlib
+from collections.abc import Mapping
+from functools import cache
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+from urllib.parse import urlencode
+
+import jinja2
+from fastapi import Request
+from fastapi.responses import HTMLResponse
+from markupsafe import Markup, escape
+
+from web import charts, wording
+
+HERE = Path(__file__).parent
+STATIC = HERE / "static"
+
+ENVIRONMENT = jinja2.Environment(
+    loader=jinja2.FileSystemLoader(HERE / "templates"),
+    autoescape=True,
+    undefined=jinja2.StrictUndefined,
+    trim_blocks=True,
+    lstrip_blocks=True,
+    auto_reload=False,
+)
+
+
+def page(
+    request: Request,
+    template: str,
+    shown: Mapping[str, Any],
+    *,
+    status: int = 200,
+    headers: Mapping[str, str] | None = None,
+) -> HTMLResponse:
+    """A rendered page; a browser asks again for it each time, for its numbers change."""
+    text = ENVIRONMENT.get_template(template).render(path=request.url.path, **shown)
+    return HTMLResponse(text, status, {"Cache-Control": "no-cache", **(headers or {})})
+
+
+def asset(name: str) -> str:
+    """The address of a file in `static/`, which changes with the file's content."""
+    return f"/static/{name}?v={fingerprint(name)}"
+
+
+@cache
+def fingerprint(name: str) -> str:
+    """A short hash of a file in `static/`."""
+    return hashlib.sha256((STATIC / name).read_bytes()).hexdigest()[:12]
+
+
+def query(**fields: object) -> str:
+    """A query string of the fields that are set, with its question mark, or nothing."""
+    given = {name: str(value) for name, value in fields.items() if value not in (None, "")}
+    return f"?{urlencode(given)}" if given else ""
+
+
+def breakable(name: str) -> Markup:
+    """A name with underscores that may wrap after each."""
+    return Markup("_<wbr>").join(escape(part) for part in name.split("_"))
+
+
+@cache
+def release() -> str:
+    """The version of this package."""
+    try:
+        return version("hide-seek")
+    except PackageNotFoundError:
+        return "from a folder"
+
+
+ENVIRONMENT.globals.update(
+    asset=asset,
+    query=query,
+    release=release,
+    rate_bar=charts.rate_bar,
+    progress_bar=charts.progress_bar,
+    CATEGORIES=wording.CATEGORIES,
+    FAILURES=wording.FAILURES,
+    OUTCOMES=wording.OUTCOMES,
+    verdict_of=wording.verdict,
+)
+ENVIRONMENT.filters.update(
+    percent=wording.percent,
+    number=wording.number,
+    words=wording.words,
+    value=wording.value,
+    pairs=wording.pairs,
+    moment=wording.moment,
+    seconds=wording.seconds,
+    duration=wording.duration,
+    action=wording.action,
+    breakable=breakable,
+)

@@ -1,0 +1,179 @@
+"""The hidden-state timeline of an episode: lanes of values over simulated time, as SVG.
+
+Places along the time axis are percentages, so it fits any width without a script; every span is
+an SVG of its own, which cuts off a text that is too long for it.
+"""
+
+from collections.abc import Iterable, Iterator, Sequence
+from itertools import pairwise
+from typing import Any, NamedTuple
+
+from markupsafe import Markup
+
+from server.schemas import DecisionPublic, EpisodeDetail, SpanPublic
+from web import wording
+from web.charts import element
+
+LANE = 22  # pixels
+BAR = 18
+AXIS = 18
+SHADES = 10  # as many as the style sheet has
+SAID = ("hidden", "stage")  # kinds of lanes that a screen reader is told on every move
+FIXED = {"yes": "yes", "no": "no", "–": "nothing"}
+STEPS = (0.5, 1, 2, 5, 10, 20, 30, 60, 120, 300, 600)  # seconds between two marks of the axis
+MARKS = 8  # at most
+
+
+class Span(NamedTuple):
+    """A value from one time to another."""
+
+    value: str
+    begin: float  # simulated seconds
+    end: float
+
+
+class Lane(NamedTuple):
+    """One named thing over time."""
+
+    kind: str
+    name: str
+    spans: list[Span]
+
+
+class Mark(NamedTuple):
+    """Something at one moment."""
+
+    kind: str  # event, violation
+    text: str
+    time: float
+
+
+class Timeline:
+    """What happened in an episode, lane by lane."""
+
+    def __init__(
+        self,
+        episode: EpisodeDetail,
+        decisions: Sequence[DecisionPublic],
+        spans: Sequence[SpanPublic],
+    ):
+        ends = [decision.time for decision in decisions]
+        self.end = max([*ends, *(span.time_to for span in spans), 0.001])
+        self.moments = [0.0, *ends]  # decision k is chosen at moments[k]
+        self.lanes = [*_lanes(spans), *_checks(episode, decisions, self.end)]
+        self.marks = list(_marks(decisions))
+
+    @property
+    def height(self) -> int:
+        """Of the drawing, in pixels."""
+        return LANE * (len(self.lanes) + 1) + AXIS
+
+    def svg(self) -> Markup:
+        """The drawing, without the names of the lanes."""
+        parts = [*self._ticks(), *self._bars(), *self._marked(), *self._axis(), self._cursor()]
+        return element("svg", *parts, class_="lanes", height=self.height, aria_hidden="true")
+
+    def _ticks(self) -> Iterator[Markup]:
+        bottom = LANE * (len(self.lanes) + 1)
+        for moment in self.moments:
+            at = self._share(moment)
+            yield element("line", class_="decision", x1=at, x2=at, y1=0, y2=bottom)
+
+    def _bars(self) -> Iterator[Markup]:
+        for row, lane in enumerate(self.lanes):
+            shades = _shades(lane)
+            for span in lane.spans:
+                yield self._bar(LANE * row + 2, lane, span, shades[span.value])
+
+    def _bar(self, top: int, lane: Lane, span: Span, shade: str) -> Markup:
+        text = f"{wording.words(lane.name)}: {span.value}"
+        when = f"{wording.seconds(span.begin)} to {wording.seconds(span.end)}"
+        return element(
+            "svg",
+            element("title", f"{text}, {when}"),
+            element("rect", width="100%", height=BAR, rx=2),
+            element("text", span.value, x=5, y=13),
+            class_=f"span {lane.kind} {shade}",
+            x=self._share(span.begin),
+            y=top,
+            width=self._share(max(span.end - span.begin, self.end / 500)),
+            height=BAR,
+            data_begin=span.begin,
+            data_end=span.end,
+            data_said=text if lane.kind in SAID else None,
+        )
+
+    def _marked(self) -> Iterator[Markup]:
+        middle = LANE * len(self.lanes) + LANE // 2
+        for mark in self.marks:
+            title = element("title", f"{mark.text}, at {wording.seconds(mark.time)}")
+            shape = "M-4 5 0-4 4 5Z" if mark.kind == "event" else "M-5-5 5 5M5-5-5 5"
+            drawn = element("path", d=shape)
+            yield element(
+                "svg", title, drawn, class_=f"mark {mark.kind}", x=self._share(mark.time), y=middle
+            )
+
+    def _axis(self) -> Iterator[Markup]:
+        step = next((step for step in STEPS if self.end / step <= MARKS), STEPS[-1])
+        bottom = LANE * (len(self.lanes) + 1)
+        for number in range(int(self.end / step) + 1):
+            time = number * step
+            last = time > 0.96 * self.end
+            at, anchor = self._share(time), "end" if last else "middle" if number else "start"
+            label = f"{time:g}{wording.THIN}s"
+            yield element("text", label, class_="axis", x=at, y=bottom + 14, text_anchor=anchor)
+
+    def _cursor(self) -> Markup:
+        return element("line", class_="cursor", x1="0%", x2="0%", y1=0, y2=self.height - AXIS)
+
+    def _share(self, time: float) -> str:
+        return f"{100 * time / self.end:.3f}%"
+
+
+def _lanes(spans: Iterable[SpanPublic]) -> list[Lane]:
+    found: dict[tuple[str, str], list[Span]] = {}
+    for kind in ("hidden", "belief", "stage"):
+        for span in (span for span in spans if span.kind == kind):
+            shown = Span(wording.value(span.value), span.time_from, span.time_to)
+            found.setdefault((kind, span.name), []).append(shown)
+    return [Lane(kind, name, lane) for (kind, name), lane in found.items()]
+
+
+def _checks(
+    episode: EpisodeDetail, decisions: Sequence[DecisionPublic], end: float
+) -> Iterator[Lane]:
+    if not episode.start:
+        return
+    known: list[tuple[float, dict[str, bool]]] = [(0.0, episode.start.checks)]
+    known += [(decision.time, decision.checks) for decision in decisions]
+    for name in episode.start.checks:
+        points = [(time, wording.value(checks[name])) for time, checks in known if name in checks]
+        yield Lane("check", name, list(_joined([*points, (end, "")])))
+
+
+def _joined(points: Sequence[tuple[float, str]]) -> Iterator[Span]:
+    """Spans of values, given at times; what follows one of the same value belongs to it."""
+    begin = points[0][0]
+    for (_, value), (time, following) in pairwise(points):
+        if following != value:
+            yield Span(value, begin, time)
+            begin = time
+
+
+def _marks(decisions: Sequence[DecisionPublic]) -> Iterator[Mark]:
+    seen: set[str] = set()
+    for decision in decisions:
+        for event in decision.events:
+            yield Mark("event", f"{wording.words(event.name)} {event.total}", event.time)
+        for violation in dict.fromkeys(decision.violations):
+            if violation not in seen:
+                seen.add(violation)
+                yield Mark("violation", f"violation: {wording.words(violation)}", decision.time)
+
+
+def _shades(lane: Lane) -> dict[str, str]:
+    """A class of the style sheet for each value, the same ones however many follow."""
+    values: dict[str, Any] = dict.fromkeys(span.value for span in lane.spans)
+    return {
+        value: FIXED.get(value, f"shade-{number % SHADES}") for number, value in enumerate(values)
+    }
