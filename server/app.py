@@ -37,8 +37,8 @@ def create_app(settings: Settings) -> FastAPI:
 
     @asynccontextmanager
     async def lifespan(_: FastAPI) -> AsyncIterator[None]:
-        hub.start()
         try:
+            hub.start()
             yield
         finally:
             hub.stop()

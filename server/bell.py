@@ -5,7 +5,11 @@ import threading
 
 
 class Bell:
-    """Rung from any thread; heard by the event loop's followers and by the reconciler."""
+    """Rung from any thread; heard by the event loop's followers.
+
+    Attributes:
+        reconciler: set when there may be something to hand out or to stop.
+    """
 
     def __init__(self) -> None:
         self.reconciler = threading.Event()
@@ -20,7 +24,6 @@ class Bell:
 
     def ring(self) -> None:
         """Something was committed."""
-        self.reconciler.set()
         if self._loop is not None and not self._loop.is_closed():
             self._loop.call_soon_threadsafe(self._tell)
 

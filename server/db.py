@@ -148,7 +148,7 @@ def migrations(connection: Connection | None = None) -> Config:
 
 
 def migrate(engine: Engine, revision: str = "head") -> None:
-    """Brings the tables to a revision, up or down, whole or not at all.
+    """Brings the tables up to a revision, whole or not at all.
 
     Raises:
         LedgerError: there is no such revision.

@@ -68,7 +68,6 @@ class Growing:
                 else:
                     await more.wait()
 
-
     def _opened(self) -> BinaryIO:
         try:
             return open(self.path, "rb")
@@ -86,7 +85,7 @@ class GrowingRecordings:
     def clear(self) -> None:
         """Removes what a stopped server left behind."""
         self.folder.mkdir(parents=True, exist_ok=True)
-        for file in self.folder.iterdir():
+        for file in self.folder.glob("*.rrd"):
             file.unlink()
 
     def open(self, episode: str) -> Growing:

@@ -36,6 +36,8 @@ class Guard:
         if problem := self._problem(scope):
             await response(problem)(scope, receive, send)
             return
+        if scope["method"] == "HEAD":  # routes know GET alone; the body is left out further below
+            scope = {**scope, "method": "GET"}
         limited = receive if scope["path"].endswith(STREAMED) else _limited(receive)
         await self.app(scope, limited, send)
 

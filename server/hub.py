@@ -2,8 +2,9 @@
 
 import shutil
 from dataclasses import dataclass, field
+from functools import partial
 
-from server import evaluations, first_run, lifecycle, policies
+from server import evaluations, first_run, jobs, lifecycle, policies
 from server.bell import Bell
 from server.blobs import Blobs
 from server.data_folder import DataFolder
@@ -81,9 +82,13 @@ class Hub:
             self.engine,
             self.recordings,
             self.bell,
-            server=self.address,
             slots=count,
-            episode_limit=self.settings.episode_limit,
+            draft=partial(
+                jobs.draft,
+                server=self.address,
+                episode_limit=self.settings.episode_limit,
+                allow_python=self.settings.allow_python,
+            ),
             may_hand_out=self.has_room,
         )
         self.reconciler.start()

@@ -171,6 +171,13 @@ def lease(session: Session, shard: Shard, *, engine: str, limit: float) -> tuple
     return attempt, token
 
 
+def fail_shard(session: Session, shard: Shard, reason: str) -> None:
+    """A shard that waits cannot be played at all; its evaluation may be resumed later."""
+    shard.state, shard.reason = ShardState.FAILED, reason
+    session.flush()
+    settle(session, shard.evaluation)
+
+
 def hash_token(token: str) -> str:
     """What the ledger keeps of a token."""
     return hashlib.sha256(token.encode()).hexdigest()
@@ -405,11 +412,9 @@ def recover(session: Session, sources: Mapping[str, str]) -> int:
 
 
 def _give_up(session: Session, evaluation: Evaluation, reason: str) -> None:
-    shards = session.scalars(
-        select(Shard).where(Shard.evaluation_id == evaluation.id, Shard.state == ShardState.PENDING)
-    ).all()
-    for move in (ShardState.LEASED, ShardState.FAILED):
-        for shard in shards:
-            shard.state, shard.reason = move, reason
-        session.flush()
+    session.execute(
+        update(Shard)
+        .where(Shard.evaluation_id == evaluation.id, Shard.state == ShardState.PENDING)
+        .values(state=ShardState.FAILED, reason=reason)
+    )
     settle(session, evaluation)

@@ -63,6 +63,8 @@ def invalid(field: str, message: str) -> Problem:
 def of_validation(errors: Sequence[Mapping[str, Any]]) -> Problem:
     """What pydantic found wrong."""
     found = [{"field": _field(error["loc"]), "message": error["msg"]} for error in errors]
+    if errors[0]["type"] == "json_invalid":
+        found = [{"field": "body", "message": f"is not JSON: {errors[0]['ctx']['error']}"}]
     first = found[0]
     more = f" (and {len(found) - 1} more)" if len(found) > 1 else ""
     detail = f"{first['field']}: {first['message']}{more}"

@@ -3,7 +3,6 @@
 import logging
 import threading
 from collections.abc import Callable
-from typing import Any
 
 from sqlalchemy import select
 from sqlalchemy.orm import Session
@@ -12,11 +11,10 @@ from server import lifecycle
 from server.bell import Bell
 from server.db import Database
 from server.growing import GrowingRecordings
-from server.models import Attempt, Decision, Episode, Evaluation, Shard, now
+from server.models import Attempt, Evaluation, Shard, now
 from server.states import AttemptState, Desired
 from workers.engines.engine import Ended, Engine
-from workers.policy_process import LOAD_LIMIT
-from workers.protocol import AssignedEpisode, PythonPolicy, ReplayPolicy, ShardJob
+from workers.protocol import ShardJob
 
 logger = logging.getLogger(__name__)
 EVERY = 2.0  # s between two looks, unless something happens
@@ -26,9 +24,8 @@ class Reconciler:
     """Compares ledger and engine, again and again.
 
     Args:
-        server: address under which workers reach this server.
         slots: shards that run at a time; as many again are kept at hand.
-        episode_limit: seconds of wall time for one episode, the policy's own answers apart.
+        draft: the job of a shard, attempt and token apart; raises ValueError if it has none.
         may_hand_out: asked before work is handed out; false while the disk is full.
     """
 
@@ -39,18 +36,16 @@ class Reconciler:
         recordings: GrowingRecordings,
         bell: Bell,
         *,
-        server: str,
         slots: int,
-        episode_limit: float,
+        draft: Callable[[Session, Shard], ShardJob],
         may_hand_out: Callable[[], bool] = lambda: True,
     ):
         self.database = database
         self.engine = engine
         self.recordings = recordings
         self.bell = bell
-        self.server = server
         self.slots = slots
-        self.episode_limit = episode_limit
+        self.draft = draft
         self.may_hand_out = may_hand_out
         self._ended: dict[str, Ended] = {}
         self.fault: str | None = None  # why the last look failed, if it did
@@ -136,61 +131,20 @@ class Reconciler:
                 shard = lifecycle.next_shard(session)
                 if shard is None:
                     return
-                job = self._leased(session, shard)
-            self.engine.submit(job.attempt, job, job.limit)
+                job = self._lease(session, shard)
+            if job:
+                self.engine.submit(job.attempt, job, job.limit)
 
     def _waiting(self) -> bool:
         with self.database.reading() as session:
             return lifecycle.next_shard(session) is not None
 
-    def _leased(self, session: Session, shard: Shard) -> ShardJob:
-        evaluation = shard.evaluation
-        version = evaluation.policy_version
-        episodes = lifecycle.open_episodes(shard)
-        assigned = tuple(self._assigned(session, version.spec, one) for one in episodes)
-        job: dict[str, Any] = {
-            "server": self.server,
-            "policy": version.spec,
-            "policy_name": f"{version.policy.name}@{version.number}",
-            "rules": evaluation.rules,
-            "recordings": evaluation.recordings,
-            "episode_limit": self._limit(version.spec, episodes),
-            "episodes": assigned,
-        }
-        draft = ShardJob.model_validate(job | {"attempt": "", "token": ""})
+    def _lease(self, session: Session, shard: Shard) -> ShardJob | None:
+        """What the engine is to run; None if the shard cannot be played, which fails it."""
+        try:
+            draft = self.draft(session, shard)
+        except ValueError as error:
+            lifecycle.fail_shard(session, shard, str(error))
+            return None
         attempt, token = lifecycle.lease(session, shard, engine="local", limit=draft.limit)
         return draft.model_copy(update={"attempt": attempt.id, "token": token})
-
-    def _assigned(
-        self, session: Session, spec: dict[str, Any], episode: Episode
-    ) -> AssignedEpisode:
-        actions = replayed(session, spec, episode) if spec["kind"] == "replay" else None
-        return AssignedEpisode(id=episode.id, spec=lifecycle.spec_of(episode), actions=actions)
-
-    def _limit(self, spec: dict[str, Any], episodes: list[Episode]) -> float:
-        """Seconds after which an episode hangs; a slow policy is not to blame for that."""
-        if spec["kind"] != "python":
-            return self.episode_limit
-        from server.episodes import budget
-
-        answers = max(budget(episode) for episode in episodes) + 1  # and the reset
-        timeout = PythonPolicy.model_validate(spec).timeout
-        return self.episode_limit + LOAD_LIMIT + answers * timeout
-
-
-def replayed(session: Session, spec: dict[str, Any], episode: Episode) -> tuple[Any, ...]:
-    """The actions that were recorded of the same episode in the evaluation that is replayed."""
-    source = ReplayPolicy.model_validate(spec).evaluation
-    return tuple(
-        session.scalars(
-            select(Decision.action)
-            .join(Episode, Decision.episode_id == Episode.id)
-            .where(
-                Episode.evaluation_id == source,
-                Episode.task == episode.task,
-                Episode.split == episode.split,
-                Episode.index == episode.index,
-            )
-            .order_by(Decision.number)
-        )
-    )

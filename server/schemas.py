@@ -26,7 +26,7 @@ from workers.protocol import PolicySpec
 
 Item = TypeVar("Item")
 Verdict = Literal["success", "exact"]
-NAME = r"^[A-Za-z0-9][A-Za-z0-9 _.:+@-]{0,79}$"
+NAME = r"^[A-Za-z0-9][A-Za-z0-9 _.:+-]{0,79}$"
 
 
 class _Given(BaseModel):
@@ -100,7 +100,7 @@ class EvaluationCreate(_Given):
     tasks: Annotated[list[str], Field(min_length=1)] | None = None  # default: all
     category: Category | None = None  # only tasks of this kind
     split: Split = "test"
-    episodes: Annotated[int, Field(ge=1, strict=True)] | None = None  # per task, the first so many; all
+    episodes: Annotated[int, Field(ge=1, strict=True)] | None = None  # per task, the first; all
     rules: Rules = "hide"
     priority: Annotated[int, Field(ge=-100, le=100, strict=True)] = 0  # higher goes first
     recordings: StrictBool = True

@@ -94,4 +94,4 @@ def test_the_life_of_an_evaluation(tmp_path: Path) -> None:
 
         below = descendants(server.process.pid)
         server.stop()
-        assert gone(below)
+        until(lambda: gone(below), "the end of its workers", 10)

@@ -174,6 +174,7 @@ class Recorder:
     def _send(self) -> None:
         assert self._stream is not None, "begin comes first"
         self._lanes.explain(self._stream)
+        self._stream.flush()  # lenses and colours go before the columns that need them
         self._rows.send(self._stream)
         self._stream.flush()
         self._sent_at = monotonic()

@@ -10,7 +10,7 @@ from pydantic import ValidationError
 from server import episodes, evaluations, followers, lifecycle
 from server.deps import Cursor, EvaluationId, Limit, Reading, TheHub
 from server.hub import Hub
-from server.problems import Problem, of_validation
+from server.problems import Problem, invalid, of_validation
 from server.schemas import (
     AttemptPublic,
     Batch,
@@ -48,7 +48,9 @@ def _create(hub: Hub, wanted: EvaluationCreate, key: str | None = None) -> Evalu
     with hub.database.writing() as session:
         row = evaluations.create(session, wanted, key)
         session.flush()
-        return evaluations.public(session, row)
+        stands = evaluations.public(session, row)
+    hub.bell.reconciler.set()
+    return stands
 
 
 @router.post("/batches", status_code=202)
@@ -59,7 +61,7 @@ def create_batch(wanted: BatchCreate, hub: TheHub) -> Batch:
         shared = wanted.matrix.model_dump(mode="json", exclude={"policies"})
         items += [{"policy": policy, **shared} for policy in wanted.matrix.policies]
     if not items:
-        raise Problem(422, "invalid", "items: is empty; list evaluations, or give a matrix.")
+        raise invalid("items", "is empty; list evaluations, or give a matrix")
     return Batch(items=[_item(hub, item) for item in items])
 
 
@@ -112,7 +114,9 @@ def cancel_evaluation(evaluation: str, hub: TheHub) -> EvaluationPublic:
         row = evaluations.row(session, evaluation)
         lifecycle.cancel(session, row)
         session.flush()
-        return evaluations.public(session, row)
+        stands = evaluations.public(session, row)
+    hub.bell.reconciler.set()
+    return stands
 
 
 @router.post("/evaluations/{evaluation}/resumption", status_code=202)
@@ -122,7 +126,9 @@ def resume_evaluation(evaluation: str, hub: TheHub) -> EvaluationPublic:
         row = evaluations.row(session, evaluation)
         lifecycle.resume(session, row, evaluations.current_sources())
         session.flush()
-        return evaluations.public(session, row)
+        stands = evaluations.public(session, row)
+    hub.bell.reconciler.set()
+    return stands
 
 
 @router.get("/evaluations/{evaluation}/events", response_class=EventSourceResponse)

@@ -113,9 +113,7 @@ def test_every_table_may_be_full_on_the_way_down_and_up(database: Database, tmp_
     migrate(database.engine)
 
     with database.engine.connect() as connection:
-        assert not any(
-            connection.scalar(text(f"SELECT count(*) FROM {name}")) for name in rows
-        )
+        assert not any(connection.scalar(text(f"SELECT count(*) FROM {name}")) for name in rows)
         assert connection.execute(text("PRAGMA foreign_key_check")).all() == []
 
 

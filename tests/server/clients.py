@@ -16,7 +16,7 @@ from fastapi import FastAPI
 from server import lifecycle
 from server.app import create_app
 from server.hub import Hub
-from server.models import Episode
+from server.models import Attempt, Episode
 from server.settings import Settings
 from tests.server import ledgers
 from workers.protocol import INTERNAL, EpisodeCommit
@@ -26,12 +26,13 @@ with warnings.catch_warnings():
     from fastapi.testclient import TestClient
 
 API = "/api/v1"
+PROBLEM = "application/problem+json"
+SMALL = {"policy": "expert", "tasks": ["search_drawer"], "episodes": 2}
 
 
 def application(data: Path, **settings: Any) -> FastAPI:
     """The API over a new ledger."""
-    data.mkdir(parents=True, exist_ok=True)
-    ledgers.opened(data).close()
+    ledgers.laid(data)
     return create_app(Settings(data=data, workers=0, references=False, **settings))
 
 
@@ -45,7 +46,7 @@ def client(data: Path, **settings: Any) -> Iterator[TestClient]:
 
 def hub_of(client: TestClient) -> Hub:
     """What the application behind a client holds."""
-    hub: Hub = client.app.state.hub  # type: ignore[attr-defined]
+    hub: Hub = client.app.state.hub
     return hub
 
 
@@ -115,3 +116,26 @@ def state_of(hub: Hub, episode: str) -> str:
     """Where an episode stands in the ledger."""
     with hub.database.reading() as session:
         return session.get_one(Episode, episode).state
+
+
+def create(client: httpx.Client, **wanted: Any) -> dict[str, Any]:
+    """A small evaluation that was asked for."""
+    answer = client.post(f"{API}/evaluations", json=SMALL | wanted)
+    assert answer.status_code == 202, answer.text
+    document: dict[str, Any] = answer.json()
+    return document
+
+
+def ended(hub: Hub, worker: Worker, reason: str | None) -> None:
+    """The engine says that an attempt is over."""
+    with hub.database.writing() as session:
+        lifecycle.end_attempt(session, session.get_one(Attempt, worker.attempt), reason)
+
+
+def problem_of(answer: httpx.Response) -> dict[str, Any]:
+    """The problem that is answered; every one has the same members."""
+    assert answer.headers["content-type"] == PROBLEM, answer.text
+    document: dict[str, Any] = answer.json()
+    assert document["status"] == answer.status_code
+    assert document["detail"] and document["title"] and document["code"]
+    return document

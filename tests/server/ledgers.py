@@ -12,6 +12,7 @@ from PIL import Image
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
+from hide_tasks import suite
 from hide_tasks.contract import (
     DecisionRecord,
     EpisodeResult,
@@ -19,10 +20,10 @@ from hide_tasks.contract import (
     Failure,
     Keyframe,
     MotionOutcome,
+    Split,
     Start,
     Timing,
 )
-from hide_tasks.suite import scene_hash
 from server import evaluations, lifecycle, policies
 from server.blobs import Blobs
 from server.commit import commit
@@ -42,11 +43,17 @@ Outcomes = Callable[[EpisodeSpec], Outcome]
 
 
 def opened(folder: Path) -> Database:
-    """A new ledger with the built-in policies."""
+    """A new ledger with the built-in policies, or the one that is there."""
+    return Database(laid(folder))
+
+
+def laid(folder: Path) -> Path:
+    """The file of a new ledger, closed; one that is there stays."""
     path = folder / LEDGER
     if not path.exists():
+        folder.mkdir(parents=True, exist_ok=True)
         path.write_bytes(_new_ledger())
-    return Database(path)
+    return path
 
 
 @cache
@@ -113,7 +120,7 @@ def result_of(spec: EpisodeSpec, failure: Outcome = None, **changes: Any) -> Epi
         failure=failure,
         decisions=3,
         stage="press 3",
-        scene_hash=scene_hash(spec),
+        scene_hash=_scene_hash(spec.task, spec.split, spec.index),
         final_state_hash="f" * 64,
         timing=Timing(total=0.5, steps=1080, renders=4),
     ).model_copy(update=changes)
@@ -127,6 +134,12 @@ def result_of(spec: EpisodeSpec, failure: Outcome = None, **changes: Any) -> Epi
     )
 
 
+@cache
+def _scene_hash(task: str, split: Split, index: int) -> str:
+    return suite.scene_hash(suite.episode(task, split, index))
+
+
+@cache
 def picture(exact: bool) -> bytes:
     """A JPEG, green or red."""
     file = io.BytesIO()

@@ -87,12 +87,17 @@ def test_everything_that_was_measured_is_kept(ledger: Ledger) -> None:
 
     answer = send(ledger, what)
 
-    assert not isinstance(answer, Problem) and answer == type(answer)(already=False)  # type: ignore[call-arg]
+    assert not isinstance(answer, Problem) and answer == type(answer)(already=False)
     with ledger.database.reading() as session:
         kept = episodes.get(session, ledger.episode)
         decisions = episodes.decisions(session, ledger.episode)
         changes = episodes.changes(session, ledger.episode)
-    assert (kept.state, kept.success, kept.exact, kept.failure) == ("final", True, False, "overcount")
+    assert (kept.state, kept.success, kept.exact, kept.failure) == (
+        "final",
+        True,
+        False,
+        "overcount",
+    )
     assert (kept.fence, kept.decisions, kept.stage) == (1, 3, "press 3")
     assert kept.timing == what.result.timing and kept.start == what.start
     assert kept.scene_hash == what.result.scene_hash
@@ -144,7 +149,7 @@ def test_the_same_result_twice_is_fine(ledger: Ledger) -> None:
 
     answer = send(ledger, what)
 
-    assert answer.already  # type: ignore[attr-defined]
+    assert answer.already
     with ledger.database.reading() as session:
         assert count(session, Divergence) == 0
         assert count(session, Decision) == 3
@@ -155,7 +160,7 @@ def test_what_the_clock_said_makes_no_other_result(ledger: Ledger) -> None:
     send(ledger, what)
     slower = what.result.model_copy(update={"timing": {"total": 99.0}})
 
-    assert send(ledger, sealed(what, result=slower)).already  # type: ignore[attr-defined]
+    assert send(ledger, sealed(what, result=slower)).already
 
 
 def test_another_result_of_a_final_episode_is_an_alarm(ledger: Ledger) -> None:
@@ -183,7 +188,7 @@ def test_a_lost_attempt_may_still_learn_that_its_result_is_there(ledger: Ledger)
     with ledger.database.writing() as session:
         lifecycle.end_attempt(session, session.get_one(Attempt, ledger.attempt), "it crashed")
 
-    assert send(ledger, what).already  # type: ignore[attr-defined]
+    assert send(ledger, what).already
 
 
 # --- refused ---
@@ -359,4 +364,4 @@ def test_what_travels_survives_json(ledger: Ledger) -> None:
 
     again = EpisodeCommit.model_validate(json.loads(what.model_dump_json()))
 
-    assert send(ledger, again) == send(ledger, what).model_copy(update={"already": False})  # type: ignore[attr-defined]
+    assert send(ledger, again) == send(ledger, what).model_copy(update={"already": False})

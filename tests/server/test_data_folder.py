@@ -11,6 +11,7 @@ import pytest
 from server.data_folder import FOLDERS, LEDGER, DataFolder, DataFolderError
 from server.hub import Hub
 from server.settings import Settings
+from tests.server.clients import client
 
 
 def refused(path: Path) -> str:
@@ -93,6 +94,15 @@ def test_nothing_is_made_beside_another_programs_database(tmp_path: Path) -> Non
     assert "another program" in refused(tmp_path)
     assert [file.name for file in tmp_path.iterdir()] == [LEDGER]
     assert (tmp_path / LEDGER).read_bytes() == before
+
+
+def test_a_start_that_fails_lets_go_of_the_folder(tmp_path: Path) -> None:
+    (tmp_path / "growing" / "not a file").mkdir(parents=True)
+
+    with pytest.raises(OSError, match="not a file"), client(tmp_path):
+        pass
+
+    DataFolder(tmp_path).close()
 
 
 def test_a_hub_that_cannot_open_its_ledger_lets_go_of_the_folder(tmp_path: Path) -> None:

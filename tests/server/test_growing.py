@@ -22,7 +22,9 @@ def recordings(tmp_path: Path) -> GrowingRecordings:
     return found
 
 
-async def slowly(pieces: Iterable[bytes], fails: type[Exception] | None = None) -> AsyncIterator[bytes]:
+async def slowly(
+    pieces: Iterable[bytes], fails: type[Exception] | None = None
+) -> AsyncIterator[bytes]:
     for piece in pieces:
         await asyncio.sleep(0.001)
         yield piece

@@ -65,9 +65,7 @@ def test_another_host_is_refused(here: TestClient, host: str, path: str) -> None
     ],
 )
 @pytest.mark.parametrize("method", ["POST", "PUT", "DELETE", "PATCH"])
-def test_other_sites_change_nothing(
-    here: TestClient, headers: dict[str, str], method: str
-) -> None:
+def test_other_sites_change_nothing(here: TestClient, headers: dict[str, str], method: str) -> None:
     answer = here.request(method, f"{API}/evaluations", json=EVALUATION, headers=headers)
 
     assert (answer.status_code, answer.json()["code"]) == (403, "cross_site")
@@ -77,7 +75,12 @@ def test_other_sites_change_nothing(
 
 @pytest.mark.parametrize(
     "headers",
-    [{}, {"Origin": "http://127.0.0.1"}, {"Sec-Fetch-Site": "same-origin"}, {"Sec-Fetch-Site": "none"}],
+    [
+        {},
+        {"Origin": "http://127.0.0.1"},
+        {"Sec-Fetch-Site": "same-origin"},
+        {"Sec-Fetch-Site": "none"},
+    ],
 )
 def test_the_own_pages_and_programs_may_ask_for_changes(
     here: TestClient, headers: dict[str, str]
@@ -95,9 +98,7 @@ def test_reading_from_another_sites_link_is_fine(here: TestClient) -> None:
     assert answer.status_code == 200
 
 
-def test_too_large_a_body_is_refused(
-    here: TestClient, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_too_large_a_body_is_refused(here: TestClient, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(guard, "MOST", 1000)
     headers = {"Content-Type": "application/json"}
 
@@ -114,9 +115,7 @@ def test_too_large_a_body_in_pieces_is_refused(
     monkeypatch.setattr(guard, "MOST", 1000)
     headers = {"Content-Type": "application/json"}
 
-    answer = here.post(
-        f"{API}/evaluations", content=iter([b" " * 400] * 3), headers=headers
-    )
+    answer = here.post(f"{API}/evaluations", content=iter([b" " * 400] * 3), headers=headers)
 
     assert answer.status_code == 413
 

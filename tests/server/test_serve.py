@@ -10,7 +10,7 @@ import pytest
 
 from server import cli
 from tests.server import ledgers
-from tests.server.running import RunningServer, descendants, gone
+from tests.server.running import RunningServer, descendants, gone, until
 
 
 def refused(capfd: pytest.CaptureFixture[str], *arguments: object) -> str:
@@ -137,4 +137,4 @@ def test_a_data_folder_in_use_and_a_stop_that_leaves_nothing_behind(capfd, tmp_p
     assert "in use by another server" in line
     assert (health["status"], health["workers"]) == ("ok", 1)
     assert server.process.returncode == 0
-    assert gone(below)
+    assert until(lambda: gone(below), "the end of its workers", 10)

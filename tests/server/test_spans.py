@@ -49,7 +49,9 @@ def test_an_episode_without_decisions_is_one_moment() -> None:
 
 
 def test_a_value_that_never_changes_is_one_span() -> None:
-    spans = derive(start({"item": "top"}), [decision(n, n + 1.0, {"item": "top"}) for n in range(3)], [])
+    spans = derive(
+        start({"item": "top"}), [decision(n, n + 1.0, {"item": "top"}) for n in range(3)], []
+    )
 
     [span] = lane(spans, "hidden", "item")
     assert (span.time_from, span.time_to) == (0.0, 3.0)
@@ -83,7 +85,11 @@ def test_the_stage_has_a_lane() -> None:
 
 
 def test_beliefs_begin_when_they_are_first_said() -> None:
-    decisions = [decision(0, 1.0, {}), decision(1, 2.0, {}, belief=1), decision(2, 3.0, {}, belief=2)]
+    decisions = [
+        decision(0, 1.0, {}),
+        decision(1, 2.0, {}, belief=1),
+        decision(2, 3.0, {}, belief=2),
+    ]
 
     spans = derive(start({}), decisions, [])
 

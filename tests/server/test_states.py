@@ -78,7 +78,7 @@ def test_the_database_allows_exactly_the_moves(
     if new in MOVES[kind][old]:
         move(connection, kind, new)
     else:
-        with pytest.raises(IntegrityError, match="do not move so|is immutable"):
+        with pytest.raises(IntegrityError, match=r"do not move so|is immutable"):
             move(connection, kind, new)
 
 
@@ -89,7 +89,7 @@ def test_no_state_moves_to_one_that_does_not_exist(
     for step in path_to(kind, state):
         move(connection, kind, step)
 
-    with pytest.raises(IntegrityError, match="do not move so|is immutable"):
+    with pytest.raises(IntegrityError, match=r"do not move so|is immutable"):
         move(connection, kind, "asleep")
 
 

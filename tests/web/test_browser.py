@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from shutil import which
 from typing import Any
 
+import httpx
 import pytest
 import uvicorn
 from playwright.sync_api import Browser, Page, Request, sync_playwright
@@ -19,6 +20,7 @@ from server.states import EpisodeState
 from tests.server import ledgers
 from tests.web import sites
 from tests.web.sites import Site
+from workers.protocol import INTERNAL
 
 CHROMIUM = which("chromium") or which("chromium-browser")
 FLAGS = [
@@ -232,6 +234,65 @@ def test_the_replay_is_in_step_with_the_timeline(
         to = '{timeline: "time", duration_nanos: 1e9, play_state: "paused"}'
         page.evaluate(f"document.querySelector('#viewer').viewer.set_time({to})")
         until(page, f"Math.abs({VALUE} - 1) < 1e-3")
+
+
+class SlowWorker(threading.Thread):
+    """Plays an episode: sends half of its recording, and the rest when it may."""
+
+    def __init__(self, site: Site, address: str):
+        super().__init__(daemon=True)
+        self.may_end = threading.Event()
+        [recorded] = site.episodes(site.recorded)
+        with site.hub.database.writing() as session:
+            sha256 = session.get_one(Episode, recorded).recording
+            wanted = {"tasks": ["push_button_times"], "episodes": 1, "split": "val"}
+            ledgers.created(session, "noop", priority=100, **wanted)
+            shard = lifecycle.next_shard(session)
+            assert sha256 and shard
+            attempt, token = lifecycle.lease(session, shard, engine="local", limit=60)
+            self.attempt, self.episode = attempt.id, lifecycle.open_episodes(shard)[0].id
+        self.content = site.hub.blobs.path(sha256).read_bytes()
+        url = f"{address}{INTERNAL}/attempts/{self.attempt}/episodes/{self.episode}"
+        self.client = httpx.Client(headers={"Authorization": f"Bearer {token}"}, trust_env=False)
+        self.client.post(f"{url}/start").raise_for_status()
+        self.recording = f"{url}/recording"
+        self.start()
+
+    def run(self) -> None:
+        self.client.put(self.recording, content=self.pieces(), timeout=120).raise_for_status()
+
+    def pieces(self) -> Iterator[bytes]:
+        half = len(self.content) // 2
+        yield self.content[:half]
+        self.may_end.wait(100)
+        yield self.content[half:]
+
+
+def test_a_running_episode_is_shown_while_it_is_played(
+    served: tuple[Site, str], browser: Browser
+) -> None:
+    site, address = served
+    worker = SlowWorker(site, address)
+    try:
+        with opened(browser, address, 640) as page:
+            page.goto(f"{address}/episodes/{worker.episode}")
+            begun = "state?.recordings[0]?.current_time && state"
+            seen = until(page, f"({STATE})().then(state => {begun})")
+            assert worker.is_alive()  # half of it is here
+            assert seen["recordings"][0]["play_state"] in ("following", "playing")
+
+            worker.may_end.set()
+            worker.join(20)
+            with site.hub.database.writing() as session:
+                episode = session.get_one(Episode, worker.episode)
+                attempt = session.get_one(Attempt, worker.attempt)
+                what = ledgers.result_of(lifecycle.spec_of(episode))
+                commit(session, site.hub.blobs, attempt, episode, what)
+            page.wait_for_selector("#over:visible", timeout=20_000)
+    finally:
+        worker.may_end.set()
+        worker.join(20)
+        worker.client.close()
 
 
 def test_a_browser_without_webassembly_is_offered_the_recording(

@@ -23,10 +23,10 @@ playButton?.addEventListener("click", () => replay?.play(!replay.playing));
 async function start(replay) {
   try {
     await replay.start({
+      opened: () => playButton && (playButton.hidden = false),
       moved: (time, name) => timeline?.show(secondsOf(time, name)),
       played: (playing) => playButton && (playButton.textContent = playing ? "Pause" : "Play"),
     });
-    if (playButton) playButton.hidden = false;
   } catch (error) {
     apologise(error);
   }

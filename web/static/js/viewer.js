@@ -30,7 +30,7 @@ export class Replay {
 
   /**
    * Start the viewer with the recording.
-   * @param {{moved: (time: number, timeline: string) => void, played: (playing: boolean) => void}} told
+   * @param {{opened: () => void, moved: (time: number, timeline: string) => void, played: (playing: boolean) => void}} told
    * @throws when the browser cannot run it
    */
   async start(told) {
@@ -44,7 +44,10 @@ export class Replay {
     });
     this.viewer.on("play", () => told.played((this.playing = true)));
     this.viewer.on("pause", () => told.played((this.playing = false)));
-    this.viewer.on("recording_open", () => this.#open());
+    this.viewer.on("recording_open", () => {
+      told.opened();
+      this.#open();
+    });
     await this.viewer.start(null, this.place, {
       hide_welcome_screen: true,
       allow_fullscreen: false,

@@ -1,0 +1,48 @@
+"""Health and versions over HTTP."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from tests.server.clients import (
+    API,
+    TestClient,
+    Worker,
+    client,
+    create,
+    hub_of,
+)
+
+
+@pytest.fixture
+def here(tmp_path: Path) -> Iterator[TestClient]:
+    with client(tmp_path) as found:
+        yield found
+
+
+def test_health(here: TestClient) -> None:
+    create(here)
+    Worker(hub_of(here), here)
+    create(here)
+
+    assert here.get(f"{API}/health/live").json() == {"status": "ok"}
+    ready = here.get(f"{API}/health/ready")
+    assert ready.status_code == 200
+    assert ready.json() == {
+        "status": "ok", "checks": {"ledger": "ok", "disk": "ok"}, "workers": 0, "running": 1,
+        "queued": 1,
+    }  # fmt: skip
+    assert here.get(f"{API}/version").json()["suite"] == "hide 1"
+
+
+def test_a_full_disk_is_told(here: TestClient, monkeypatch: pytest.MonkeyPatch) -> None:
+    from server import hub
+
+    monkeypatch.setattr(hub, "RESERVE", 2**62)
+
+    answer = here.get(f"{API}/health/ready")
+
+    assert answer.status_code == 503
+    assert answer.json()["status"] == "degraded"
+    assert answer.json()["checks"]["disk"].startswith("full")

@@ -1,0 +1,251 @@
+"""Whatever is wrong with a request is answered with a problem that says what, and what is right."""
+
+import json
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+
+from tests.server import ledgers
+from tests.server.clients import (
+    API,
+    SMALL,
+    TestClient,
+    client,
+    hub_of,
+    problem_of,
+)
+from workers.protocol import INTERNAL
+
+
+@pytest.fixture(scope="module")
+def reader(tmp_path_factory: pytest.TempPathFactory) -> Iterator[TestClient]:
+    """A server with one completed evaluation, for requests that change nothing."""
+    with client(tmp_path_factory.mktemp("api")) as found:
+        hub = hub_of(found)
+        ledgers.evaluated(hub.database, hub.blobs, tasks=["search_drawer"], episodes=2)
+        yield found
+
+
+ID_ROUTES = [
+    ("GET", "/tasks/{}"),
+    ("GET", "/policies/{}"),
+    ("GET", "/evaluations/{}"),
+    ("GET", "/evaluations/{}/attempts"),
+    ("GET", "/evaluations/{}/failures"),
+    ("GET", "/evaluations/{}/episodes"),
+    ("GET", "/evaluations/{}/events"),
+    ("POST", "/evaluations/{}/cancellation"),
+    ("POST", "/evaluations/{}/resumption"),
+    ("GET", "/episodes/{}"),
+    ("GET", "/episodes/{}/decisions"),
+    ("GET", "/episodes/{}/changes"),
+    ("GET", "/episodes/{}/spans"),
+    ("GET", "/episodes/{}/thumbnail.jpg"),
+    ("GET", "/episodes/{}/recording.rrd"),
+]
+OTHER_ROUTES = [
+    ("GET", "/tasks"),
+    ("GET", "/leaderboard"),
+    ("GET", "/policies"),
+    ("POST", "/policies"),
+    ("GET", "/evaluations"),
+    ("POST", "/evaluations"),
+    ("POST", "/batches"),
+    ("GET", "/episodes"),
+    ("GET", "/health/live"),
+    ("GET", "/health/ready"),
+    ("GET", "/version"),
+]
+UNKNOWN = ["ev_01ARZ3NDEKTSV4RRFFQ69G5FAV", "x" * 500, "%00", "%F0%9F%92%A9", "%FF", "a'--", "-1"]
+
+
+def test_every_route_is_tried(reader: TestClient) -> None:
+    document = reader.get(f"{API}/openapi.json").json()
+    described = {
+        (method.upper(), path.removeprefix(API))
+        for path, methods in document["paths"].items()
+        for method in methods
+    }
+    tried = {(method, path.format("{}")) for method, path in ID_ROUTES + OTHER_ROUTES}
+
+    parameters = ("task", "policy", "evaluation", "episode")
+    for name in parameters:
+        described = {(method, path.replace(f"{{{name}}}", "{}")) for method, path in described}
+    assert described == tried
+
+
+@pytest.mark.parametrize("unknown", UNKNOWN)
+@pytest.mark.parametrize(("method", "path"), ID_ROUTES)
+def test_an_unknown_id_is_not_found(
+    reader: TestClient, method: str, path: str, unknown: str
+) -> None:
+    answer = reader.request(method, API + path.format(unknown))
+
+    assert answer.status_code == 404
+    assert problem_of(answer)["code"] == "not_found"
+
+
+@pytest.mark.parametrize(("method", "path"), ID_ROUTES + OTHER_ROUTES)
+def test_a_wrong_method_is_told_with_a_right_one(
+    reader: TestClient, method: str, path: str
+) -> None:
+    answer = reader.request("DELETE" if method == "POST" else "PATCH", API + path.format("x"))
+
+    assert answer.status_code == 405
+    assert set(answer.headers["allow"].split(", ")) <= {"GET", "POST"}
+    assert problem_of(answer)["code"] == "method_not_allowed"
+
+
+@pytest.mark.parametrize("path", ["/nowhere", API, f"{API}/", f"{API}/evaluation", f"{INTERNAL}/x"])
+def test_an_unknown_path_is_not_found(reader: TestClient, path: str) -> None:
+    assert problem_of(reader.get(path))["status"] == 404
+
+
+@pytest.mark.parametrize("path", ["/evaluations", "/policies", "/batches"])
+@pytest.mark.parametrize(
+    "content", [b"", b"{", b"nothing", b"[]", b'"text"', b"null", b"1", b"\xff\xfe", b"{'a': 1}"]
+)
+def test_what_is_not_a_json_object_is_refused(
+    reader: TestClient, path: str, content: bytes
+) -> None:
+    headers = {"Content-Type": "application/json"}
+
+    answer = reader.post(API + path, content=content, headers=headers)
+
+    assert answer.status_code == 422 or (content == b"\xff\xfe" and answer.status_code == 400)
+    assert "body" in problem_of(answer)["detail"]
+
+
+@pytest.mark.parametrize(
+    ("path", "document", "field", "allowed"),
+    [
+        ("/evaluations", {}, "policy", "required"),
+        ("/evaluations", {"policy": 3}, "policy", "string"),
+        ("/evaluations", {"policy": ""}, "policy", "at least 1"),
+        ("/evaluations", {"policy": "x" * 101}, "policy", "at most 100"),
+        ("/evaluations", {"policy": "exprt"}, "policy", "did you mean expert?"),
+        ("/evaluations", {"policy": "expert@2"}, "policy", "did you mean expert?"),
+        ("/evaluations", SMALL | {"fast": True}, "fast", "not permitted"),
+        ("/evaluations", SMALL | {"tasks": []}, "tasks", "at least 1"),
+        ("/evaluations", SMALL | {"tasks": "search_drawer"}, "tasks", "list"),
+        ("/evaluations", SMALL | {"tasks": ["serch_drawer"]}, "tasks", "search_drawer?"),
+        ("/evaluations", SMALL | {"category": "HSR"}, "category", "excludes tasks"),
+        ("/evaluations", {"policy": "noop", "category": "XX"}, "category", "'RC', 'HSR' or 'EPT'"),
+        ("/evaluations", SMALL | {"split": "best"}, "split", "'train', 'val' or 'test'"),
+        ("/evaluations", SMALL | {"episodes": 0}, "episodes", "greater than or equal to 1"),
+        ("/evaluations", SMALL | {"episodes": 26}, "episodes", "test has 25 a task"),
+        ("/evaluations", SMALL | {"episodes": 10**400}, "episodes", "test has 25 a task"),
+        ("/evaluations", SMALL | {"episodes": "2"}, "episodes", "integer"),
+        ("/evaluations", SMALL | {"episodes": 2.0}, "episodes", "integer"),
+        ("/evaluations", SMALL | {"episodes": True}, "episodes", "integer"),
+        ("/evaluations", SMALL | {"rules": "strict"}, "rules", "'hide' or 'parity'"),
+        ("/evaluations", SMALL | {"priority": 101}, "priority", "less than or equal to 100"),
+        ("/evaluations", SMALL | {"priority": "high"}, "priority", "integer"),
+        ("/evaluations", SMALL | {"recordings": "yes"}, "recordings", "boolean"),
+        ("/evaluations", SMALL | {"\ud800": 1}, "body", "unicode"),
+        ("/evaluations", {"policy": "\ud800"}, "policy", "unicode"),
+        ("/policies", {}, "name", "required"),
+        ("/policies", {"name": "mine"}, "spec", "required"),
+        ("/policies", {"name": "mine", "spec": {}}, "spec", "'kind'"),
+        ("/policies", {"name": "mine", "spec": {"kind": "magic"}}, "spec", "'builtin', 'python'"),
+        ("/policies", {"name": "mine", "spec": {"kind": "builtin", "name": "best"}},
+         "spec.builtin.name", "'expert', 'amnesiac', 'random' or 'noop'"),
+        ("/policies", {"name": "a/b", "spec": {"kind": "builtin", "name": "noop"}}, "name",
+         "pattern"),
+        ("/policies", {"name": "x" * 81, "spec": {"kind": "builtin", "name": "noop"}}, "name",
+         "pattern"),
+        ("/policies", {"name": "mine", "description": "x" * 2001, "spec":
+         {"kind": "builtin", "name": "noop"}}, "description", "at most 2000"),
+        ("/policies", {"name": "expert", "spec": {"kind": "builtin", "name": "noop"}}, "name",
+         "is a built-in policy"),
+        ("/policies", {"name": "again", "spec": {"kind": "replay", "evaluation": "ev_x"}},
+         "spec.evaluation", "no evaluation 'ev_x'"),
+        ("/batches", {"items": [1]}, "items.0", "dictionary"),
+        ("/batches", {"items": [{}] * 201}, "items", "at most 200"),
+        ("/batches", {"matrix": {"policies": []}}, "matrix.policies", "at least 1"),
+        ("/batches", {"matrix": {"policies": ["noop"], "fast": 1}}, "matrix.fast", "not permitted"),
+        ("/batches", {"matrix": {"policies": ["noop"], "priority": "1"}}, "matrix.priority",
+         "integer"),
+    ],
+)  # fmt: skip
+def test_a_wrong_field_is_named_with_what_is_allowed(
+    reader: TestClient, path: str, document: dict[str, Any], field: str, allowed: str
+) -> None:
+    before = reader.get(f"{API}/evaluations").json(), reader.get(f"{API}/policies").json()
+    body = json.dumps(document)
+
+    answer = reader.post(API + path, content=body, headers={"Content-Type": "application/json"})
+
+    assert answer.status_code == 422
+    named = {error["field"]: error["message"] for error in problem_of(answer)["errors"]}
+    assert field in named
+    assert allowed in "; ".join(named.values())
+    assert before == (reader.get(f"{API}/evaluations").json(), reader.get(f"{API}/policies").json())
+
+
+@pytest.mark.parametrize(
+    ("path", "query", "field"),
+    [
+        ("/leaderboard", {"split": "best"}, "split"),
+        ("/leaderboard", {"verdict": "both"}, "verdict"),
+        ("/evaluations", {"state": "asleep"}, "state"),
+        ("/evaluations", {"limit": "0"}, "limit"),
+        ("/evaluations", {"limit": "201"}, "limit"),
+        ("/evaluations", {"limit": "many"}, "limit"),
+        ("/evaluations", {"policy": "x" * 81}, "policy"),
+        ("/evaluations", {"cursor": "x" * 501}, "cursor"),
+        ("/evaluations", {"cursor": "nonsense"}, "cursor"),
+        ("/evaluations", {"cursor": "é"}, "cursor"),
+        ("/evaluations", {"cursor": "WzFd"}, "cursor"),  # [1]
+        ("/evaluations", {"cursor": "W10"}, "cursor"),  # []
+        ("/evaluations", {"cursor": "bnVsbA"}, "cursor"),  # null
+        ("/evaluations", {"cursor": "WyJcdWQ4MDAiXQ"}, "cursor"),  # a lone surrogate
+        ("/episodes", {"cursor": "WyJhIl0"}, "cursor"),  # of the list of evaluations
+        ("/episodes", {"cursor": "WyJhIiwiYiIsdHJ1ZV0"}, "cursor"),  # ["a","b",true]
+        ("/episodes", {"cursor": "WyJhIiwiYiIsMWUzMF0"}, "cursor"),  # ["a","b",1e30]
+        ("/episodes", {"cursor": "WyJhIiwiYiIsMTAwMDAwMDAwMDAwMDAwMDAwMDAwMDAwMDAwMF0"}, "cursor"),
+        ("/episodes", {"category": "XX"}, "category"),
+        ("/episodes", {"failure": "sadness"}, "failure"),
+        ("/episodes", {"success": "perhaps"}, "success"),
+        ("/episodes", {"exact": "2"}, "exact"),
+        ("/episodes", {"state": "done"}, "state"),
+        ("/episodes", {"task": "x" * 81}, "task"),
+        ("/episodes", {"evaluation": "x" * 81}, "evaluation"),
+    ],
+)
+def test_a_wrong_query_is_named(
+    reader: TestClient, path: str, query: dict[str, str], field: str
+) -> None:
+    answer = reader.get(API + path, params=query)
+
+    assert answer.status_code == 422
+    assert [error["field"] for error in problem_of(answer)["errors"]] == [field]
+
+
+@pytest.mark.parametrize(
+    ("query", "headers"),
+    [
+        ({"after": "-1"}, {}),
+        ({"after": "all"}, {}),
+        ({"after": str(10**30)}, {}),
+        ({}, {"Last-Event-ID": "-1"}),
+        ({}, {"Last-Event-ID": "first"}),
+        ({}, {"Last-Event-ID": str(10**30)}),
+    ],
+)
+def test_a_wrong_place_among_the_events_is_refused(
+    reader: TestClient, query: dict[str, str], headers: dict[str, str]
+) -> None:
+    [evaluation] = reader.get(f"{API}/evaluations").json()["items"]
+    path = f"{API}/evaluations/{evaluation['id']}/events"
+
+    answer = reader.get(path, params=query, headers=headers)
+
+    assert answer.status_code == 422
+    assert problem_of(answer)["errors"][0]["field"] in ("after", "last-event-id", "last_event_id")
+
+
+def test_queries_that_find_nothing_are_empty(reader: TestClient) -> None:
+    for query in ({"task": "nothing"}, {"evaluation": "ev_x"}, {"policy": "\x00"}):
+        assert reader.get(f"{API}/episodes", params=query).json() == {"items": [], "next": None}
