@@ -89,7 +89,7 @@ class RunningServer:
             found = self.get(f"/evaluations/{evaluation}")
             return found if found["ended"] else None
 
-        return until(ended, f"the end of {evaluation}", seconds)
+        return until(ended, f"the end of {evaluation}", seconds, every=0.5)
 
     @property
     def workers(self) -> list[int]:
@@ -97,12 +97,14 @@ class RunningServer:
         return [pid for pid in children(self.process.pid) if "spawn_main" in command_of(pid)]
 
 
-def until(look: Callable[[], Any], what: str, seconds: float = 60.0) -> Any:
-    """What a look gives as soon as it gives something."""
+def until(
+    look: Callable[[], Any], what: str, seconds: float = 60.0, *, every: float = 0.05
+) -> Any:
+    """What a look gives as soon as it gives something; seconds between two looks."""
     deadline = time.monotonic() + seconds
     while not (found := look()):
         assert time.monotonic() < deadline, f"{what} did not come"
-        time.sleep(0.05)
+        time.sleep(every)
     return found
 
 
