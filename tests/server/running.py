@@ -97,9 +97,7 @@ class RunningServer:
         return [pid for pid in children(self.process.pid) if "spawn_main" in command_of(pid)]
 
 
-def until(
-    look: Callable[[], Any], what: str, seconds: float = 60.0, *, every: float = 0.05
-) -> Any:
+def until(look: Callable[[], Any], what: str, seconds: float = 60.0, *, every: float = 0.05) -> Any:
     """What a look gives as soon as it gives something; seconds between two looks."""
     deadline = time.monotonic() + seconds
     while not (found := look()):
