@@ -6,6 +6,7 @@ from typing import Annotated
 
 from fastapi import APIRouter, Query, Response
 from fastapi.responses import FileResponse, StreamingResponse
+from pydantic import BaseModel, ConfigDict, Field
 from sqlalchemy.orm import Session
 
 from hide_tasks.contract import Category, Failure
@@ -28,65 +29,45 @@ router = APIRouter(tags=["episodes"])
 FOR_EVER = {"Cache-Control": "private, max-age=31536000, immutable"}
 NEVER = {"Cache-Control": "no-store"}
 PATIENCE = 5.0  # s to wait for the first bytes of a running episode's recording
-Text = Annotated[str | None, Query(max_length=80)]
+Text = Annotated[str | None, Field(max_length=80)]
+
+
+class WithinFilter(BaseModel):
+    """Which episodes of an evaluation; what is left out does not matter."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    category: Category | None = None
+    task: Text = None
+    failure: Failure | None = None
+    success: bool | None = None
+    exact: bool | None = None
+    state: EpisodeState | None = None
+    limit: Limit = 50
+    cursor: Cursor = None
+
+
+class EpisodeFilter(WithinFilter):
+    """Which episodes of all evaluations."""
+
+    evaluation: Text = None
+    policy: Text = None
 
 
 @router.get("/episodes")
 def list_episodes(
-    session: Reading,
-    evaluation: Text = None,
-    policy: Text = None,
-    category: Category | None = None,
-    task: Text = None,
-    failure: Failure | None = None,
-    success: bool | None = None,
-    exact: bool | None = None,
-    state: EpisodeState | None = None,
-    limit: Limit = 50,
-    cursor: Cursor = None,
+    session: Reading, wanted: Annotated[EpisodeFilter, Query()]
 ) -> Page[EpisodePublic]:
     """Episodes of all evaluations, those of the newest first."""
-    return episodes.listed(
-        session,
-        evaluation=evaluation,
-        policy=policy,
-        category=category,
-        task=task,
-        failure=failure,
-        success=success,
-        exact=exact,
-        state=state,
-        limit=limit,
-        cursor=cursor,
-    )
+    return episodes.listed(session, **dict(wanted))
 
 
 @router.get("/evaluations/{evaluation}/episodes")
 def list_episodes_of_evaluation(
-    evaluation: EvaluationId,
-    session: Reading,
-    category: Category | None = None,
-    task: Text = None,
-    failure: Failure | None = None,
-    success: bool | None = None,
-    exact: bool | None = None,
-    state: EpisodeState | None = None,
-    limit: Limit = 50,
-    cursor: Cursor = None,
+    evaluation: EvaluationId, session: Reading, wanted: Annotated[WithinFilter, Query()]
 ) -> Page[EpisodePublic]:
     """Episodes of one evaluation, by task and index."""
-    return episodes.listed(
-        session,
-        evaluation=evaluation,
-        category=category,
-        task=task,
-        failure=failure,
-        success=success,
-        exact=exact,
-        state=state,
-        limit=limit,
-        cursor=cursor,
-    )
+    return episodes.listed(session, evaluation=evaluation, **dict(wanted))
 
 
 @router.get("/episodes/{episode}")

@@ -3,30 +3,21 @@
 import json
 import threading
 import time
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import httpx
-import pytest
 
 from tests.server import ledgers
 from tests.server.clients import (
     API,
     TestClient,
     Worker,
-    client,
     create,
     ended,
     hub_of,
     served,
 )
-
-
-@pytest.fixture
-def here(tmp_path: Path) -> Iterator[TestClient]:
-    with client(tmp_path) as found:
-        yield found
 
 
 def events(answer: httpx.Response) -> list[tuple[str, str | None, dict[str, Any]]]:

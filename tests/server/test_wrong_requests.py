@@ -1,31 +1,17 @@
 """Whatever is wrong with a request is answered with a problem that says what, and what is right."""
 
 import json
-from collections.abc import Iterator
 from typing import Any
 
 import pytest
 
-from tests.server import ledgers
 from tests.server.clients import (
     API,
     SMALL,
     TestClient,
-    client,
-    hub_of,
     problem_of,
 )
 from workers.protocol import INTERNAL
-
-
-@pytest.fixture(scope="module")
-def reader(tmp_path_factory: pytest.TempPathFactory) -> Iterator[TestClient]:
-    """A server with one completed evaluation, for requests that change nothing."""
-    with client(tmp_path_factory.mktemp("api")) as found:
-        hub = hub_of(found)
-        ledgers.evaluated(hub.database, hub.blobs, tasks=["search_drawer"], episodes=2)
-        yield found
-
 
 ID_ROUTES = [
     ("GET", "/tasks/{}"),

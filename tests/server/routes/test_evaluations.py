@@ -1,13 +1,9 @@
 """Evaluations over HTTP: asked for, stopped, resumed, many at once."""
 
-from collections.abc import Iterator
 from pathlib import Path
-
-import pytest
 
 from hide_tasks import ALL_TASKS
 from server.lifecycle import FAULTS
-from tests.server import ledgers
 from tests.server.clients import (
     API,
     SMALL,
@@ -19,21 +15,6 @@ from tests.server.clients import (
     hub_of,
     problem_of,
 )
-
-
-@pytest.fixture(scope="module")
-def reader(tmp_path_factory: pytest.TempPathFactory) -> Iterator[TestClient]:
-    """A server with one completed evaluation, for requests that change nothing."""
-    with client(tmp_path_factory.mktemp("api")) as found:
-        hub = hub_of(found)
-        ledgers.evaluated(hub.database, hub.blobs, tasks=["search_drawer"], episodes=2)
-        yield found
-
-
-@pytest.fixture
-def here(tmp_path: Path) -> Iterator[TestClient]:
-    with client(tmp_path) as found:
-        yield found
 
 
 def test_a_new_evaluation_is_where_its_location_says(here: TestClient) -> None:

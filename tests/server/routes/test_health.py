@@ -1,24 +1,14 @@
 """Health and versions over HTTP."""
 
-from collections.abc import Iterator
-from pathlib import Path
-
 import pytest
 
 from tests.server.clients import (
     API,
     TestClient,
     Worker,
-    client,
     create,
     hub_of,
 )
-
-
-@pytest.fixture
-def here(tmp_path: Path) -> Iterator[TestClient]:
-    with client(tmp_path) as found:
-        yield found
 
 
 def test_health(here: TestClient) -> None:

@@ -28,12 +28,6 @@ from tests.server.clients import (
 )
 
 
-@pytest.fixture
-def here(tmp_path: Path) -> Iterator[TestClient]:
-    with client(tmp_path) as found:
-        yield found
-
-
 @pytest.fixture(scope="module")
 def shared(tmp_path_factory: pytest.TempPathFactory) -> Iterator[TestClient]:
     """A server for tests that only ask for one more shard, whichever that is."""
