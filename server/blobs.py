@@ -3,6 +3,7 @@
 import hashlib
 import os
 import re
+from collections.abc import Collection
 from pathlib import Path
 
 from sqlalchemy.orm import Session
@@ -37,6 +38,12 @@ class Blobs:
         file.replace(target)
         sync_folder(target.parent)
         sync_folder(self.folder)  # target.parent may be its newest entry
+
+    def sweep(self, known: Collection[str]) -> None:
+        """Removes what no ledger knows, while nothing is on its way in."""
+        for file in self.folder.rglob("*"):
+            if file.is_file() and file.parent.name + file.name not in known:
+                file.unlink()
 
     def put(self, content: bytes) -> str:
         """Keeps some bytes; their SHA-256."""

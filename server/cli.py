@@ -151,7 +151,9 @@ def serve(
     allow_python: Annotated[
         bool | None,
         Option(
-            "--allow-python", help="Let clients name Python classes of this machine as policies."
+            "--allow-python",
+            help="Let clients name Python classes of this machine as policies: whoever has an "
+            "account here then runs code as you.",
         ),
     ] = None,
     references: Annotated[

@@ -21,6 +21,10 @@ class TooLarge(ValueError):
     """A recording is larger than any episode's."""
 
 
+class BrokenOff(Exception):
+    """The writer ended before the recording did; a reader's connection is cut, not closed."""
+
+
 class Growing:
     """One recording on its way in."""
 
@@ -28,7 +32,8 @@ class Growing:
         self.path = path
         self.place = path  # where it is, or will be, once it is complete
         self.size = 0  # bytes that are on disk
-        self.done = False
+        self.done = False  # nothing more will come
+        self.whole = False  # everything has come
         self._more = asyncio.Event()
 
     async def fill(self, pieces: AsyncIterator[bytes]) -> Stored:
@@ -47,6 +52,7 @@ class Growing:
                     digest.update(piece)
                     self.size += len(piece)
                     self._tell()
+            self.whole = True
             return Stored(sha256=digest.hexdigest(), size=self.size)
         finally:
             self.done = True
@@ -57,12 +63,18 @@ class Growing:
         self._more = asyncio.Event()
 
     async def follow(self) -> AsyncIterator[bytes]:
-        """Everything from the first byte on, as it comes."""
+        """Everything from the first byte on, as it comes.
+
+        Raises:
+            BrokenOff: the recording will never be whole.
+        """
         with self._opened() as file:  # stays open when the file moves to its place
             while True:
                 more = self._more
                 if piece := file.read(PIECE):
                     yield piece
+                elif self.done and not self.whole:
+                    raise BrokenOff("The recording broke off.")
                 elif self.done:
                     return
                 else:

@@ -4,12 +4,15 @@ import shutil
 from dataclasses import dataclass, field
 from functools import partial
 
+from sqlalchemy import select
+
 from server import evaluations, first_run, jobs, lifecycle, policies
 from server.bell import Bell
 from server.blobs import Blobs
 from server.data_folder import DataFolder
 from server.db import Database
 from server.growing import GrowingRecordings
+from server.models import Blob
 from server.reconciler import Reconciler
 from server.settings import Settings
 from workers.engines.engine import Engine
@@ -64,6 +67,7 @@ class Hub:
             lifecycle.recover(session, evaluations.current_sources())
             if self.settings.references:
                 first_run.evaluate_references(session)
+            self.blobs.sweep(set(session.scalars(select(Blob.sha256))))
         if self.settings.workers:
             self._start_workers(self.settings.workers)
 

@@ -27,13 +27,13 @@ def draft(
         episode_limit: seconds of wall time for one episode, the policy's own answers apart.
 
     Raises:
-        CannotPlay: its policy is a class of this machine, and those are not allowed.
+        CannotPlay: its policy is a class of this machine that is not allowed, or has changed.
         ValueError: what the ledger holds makes no job.
     """
     evaluation = shard.evaluation
     version = evaluation.policy_version
-    if version.spec["kind"] == "python" and not allow_python:
-        raise CannotPlay("a class of this machine is played only with --allow-python; resume then")
+    if version.spec["kind"] == "python":
+        _require_playable(PythonPolicy.model_validate(version.spec), allow_python)
     episodes = lifecycle.open_episodes(shard)
     return ShardJob.model_validate(
         {
@@ -44,10 +44,18 @@ def draft(
             "policy_name": f"{version.policy.name}@{version.number}",
             "rules": evaluation.rules,
             "recordings": evaluation.recordings,
+            "sources": evaluation.sources.get(shard.task),
             "episode_limit": _limit(version.spec, episodes, episode_limit),
             "episodes": [_assigned(session, version.spec, one) for one in episodes],
         }
     )
+
+
+def _require_playable(policy: PythonPolicy, allowed: bool) -> None:
+    if not allowed:
+        raise CannotPlay("a class of this machine is played only with --allow-python; resume then")
+    if policy.sha256 is not None and policy.file_hash() != policy.sha256:
+        raise CannotPlay(f"{policy.target} is not what was registered; register it again")
 
 
 def _assigned(session: Session, spec: dict[str, Any], episode: Episode) -> AssignedEpisode:

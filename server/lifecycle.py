@@ -40,7 +40,7 @@ from server.states import (
     EvaluationState,
     ShardState,
 )
-from workers.protocol import SHARD_SIZE
+from workers.protocol import EPISODE_FINAL, SHARD_SIZE
 
 FAULTS = 3  # attempts of a shard that may be lost before it fails
 SLACK = timedelta(minutes=10)  # an attempt may wait so long in the engine
@@ -213,7 +213,7 @@ def begin(session: Session, attempt: Attempt, episode: Episode) -> None:
     """
     require_open(attempt)
     if episode.state == EpisodeState.FINAL:
-        raise Problem(409, "episode_final", f"Episode {episode.id} is final.")
+        raise Problem(409, EPISODE_FINAL, f"Episode {episode.id} is final.")
     episode.state, episode.fence, episode.started = EpisodeState.RUNNING, attempt.fence, now()
     tell_episode(session, episode)
 

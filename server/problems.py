@@ -72,7 +72,7 @@ def of_validation(errors: Sequence[Mapping[str, Any]]) -> Problem:
 
 
 def _field(location: Sequence[str | int]) -> str:
-    inside = [str(part) for part in location]
+    inside = [str(part) for part in location] or ["body"]
     return ".".join(inside[1:] if inside[0] in ("body", "query", "path", "header") else inside) or (
         inside[0] if inside else "body"
     )

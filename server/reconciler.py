@@ -11,7 +11,7 @@ from server import lifecycle
 from server.bell import Bell
 from server.db import Database
 from server.growing import GrowingRecordings
-from server.models import Attempt, Evaluation, Shard, now
+from server.models import Attempt, Evaluation, Shard
 from server.states import AttemptState, Desired
 from workers.engines.engine import Ended, Engine
 from workers.protocol import ShardJob
@@ -104,7 +104,7 @@ class Reconciler:
                     logger.warning("Attempt lost", extra={"attempt": key, "reason": reason})
 
     def _stop_unwanted(self, present: set[str]) -> None:
-        """Stops what is cancelled, late, or unknown to the ledger."""
+        """Stops what is cancelled or unknown to the ledger; what is late is the engine's affair."""
         with self.database.reading() as session:
             wanted = set(
                 session.scalars(
@@ -113,7 +113,6 @@ class Reconciler:
                     .join(Evaluation)
                     .where(
                         Attempt.state == AttemptState.OPEN,
-                        Attempt.deadline > now(),
                         Evaluation.desired == Desired.FINISHED,
                     )
                 )

@@ -7,7 +7,7 @@ from enum import StrEnum
 
 
 class EvaluationState(StrEnum):
-    """Where an evaluation stands; written by the reconciler's side alone."""
+    """Where an evaluation stands; `server/lifecycle.py` alone moves it."""
 
     QUEUED = "queued"  # no shard of it was handed out yet
     RUNNING = "running"  # some shard is, or was, handed out

@@ -11,13 +11,13 @@ from typing import Any, BinaryIO, Self
 
 import httpx
 
-from workers.protocol import INTERNAL, Committed, EpisodeCommit, Fault, Stored
+from workers.protocol import EPISODE_FINAL, INTERNAL, Committed, EpisodeCommit, Fault, Stored
 
 RETRY_FOR = 60.0  # s, from the first failure of a request on
 FIRST_PAUSE, LONGEST_PAUSE = 0.2, 5.0  # s between two tries
 POLL_EVERY = 0.1  # s between two looks at a growing file
 PIECE = 2**18  # bytes read at once
-LIMITS = httpx.Timeout(10.0, read=60.0, write=30.0)  # s; the server may have to wait for its disk
+LIMITS = httpx.Timeout(10.0, read=30.0, write=30.0)  # s; the server may have to wait for its disk
 LONGEST_TEXT = 500  # characters of an error that are kept
 LONGEST_REASON = 2000  # what a Fault may hold
 
@@ -28,6 +28,10 @@ class LedgerError(Exception):
 
 class Stale(LedgerError):
     """Another attempt is the current one now; this one has nothing more to say."""
+
+
+class AlreadyFinal(LedgerError):
+    """This attempt has committed the episode before."""
 
 
 class Refused(LedgerError):
@@ -218,9 +222,20 @@ class LedgerClient:
 def _accepted(answer: httpx.Response) -> httpx.Response:
     if answer.is_success:
         return answer
+    if answer.status_code == httpx.codes.CONFLICT and _code(answer) == EPISODE_FINAL:
+        raise AlreadyFinal(_text(answer))
     if answer.status_code == httpx.codes.CONFLICT:
         raise Stale(_text(answer))
     raise Refused(_text(answer))
+
+
+def _code(answer: httpx.Response) -> str | None:
+    """What a problem is called, if the answer is one."""
+    try:
+        document = answer.json()
+    except ValueError:
+        return None
+    return document.get("code") if isinstance(document, dict) else None
 
 
 def _text(answer: httpx.Response) -> str:

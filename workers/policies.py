@@ -8,7 +8,7 @@ from pathlib import Path
 
 from hide_tasks.contract import Action, EpisodeSpec, Policy, PolicyFailure
 from workers import run_folder
-from workers.policy_process import PolicyProcess
+from workers.policy_process import LOAD_LIMIT, PolicyProcess
 
 BUILTIN = ("expert", "amnesiac", "random", "noop")
 ACCEPTED = (
@@ -97,15 +97,15 @@ class Hosted(PolicyChoice):
     target: str  # module:Class or path/to/file.py:Class
     surroundings: Surroundings = Surroundings()
 
-    def check(self) -> None:
-        """Loads the policy once.
+    def check(self, limit: float = LOAD_LIMIT) -> None:
+        """Loads the policy once, in at most so many seconds.
 
         Raises:
             BadPolicy: it cannot be loaded, and why.
         """
         policy = replace(self, surroundings=replace(self.surroundings, log=None)).make()
         try:
-            policy.load()
+            policy.load(limit)
         except PolicyFailure as error:
             raise BadPolicy(f"python:{self.target} cannot be loaded: {error}") from None
         finally:

@@ -72,7 +72,7 @@ class PolicyProcess:
         """What the policy said it believes, with its last action."""
         return self._belief
 
-    def load(self) -> None:
+    def load(self, limit: float = LOAD_LIMIT) -> None:
         """Starts the process and loads the policy; does nothing if that is done.
 
         Raises:
@@ -80,7 +80,7 @@ class PolicyProcess:
         """
         if self._process is None:
             self._start()
-            self._ask({"load": self.target}, LOAD_LIMIT)
+            self._ask({"load": self.target}, limit)
 
     def close(self) -> None:
         """Ends the process and all its children."""

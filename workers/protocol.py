@@ -8,11 +8,13 @@ token of its attempt:
     PUT  …/episodes/{episode}/result       EpisodeCommit                        Committed
     POST …/episodes/{episode}/fault        Fault: the infrastructure failed, not the policy
 
-409 says that the attempt is no longer the current one: the worker drops the shard.
+409 says that the attempt is no longer the current one, and the worker drops the shard; with the
+code `episode_final` it says that the episode is committed, and the worker goes on with the next.
 """
 
 import hashlib
 import json
+from pathlib import Path
 from typing import Annotated, Literal
 
 from pydantic import Base64Bytes, BaseModel, ConfigDict, Field
@@ -28,6 +30,7 @@ from hide_tasks.contract import (
 )
 
 INTERNAL = "/internal/v1"
+EPISODE_FINAL = "episode_final"
 SHARD_SIZE = 5  # episodes of one task
 
 
@@ -48,6 +51,14 @@ class PythonPolicy(_Message):
     kind: Literal["python"] = "python"
     target: str  # module:Class or path/to/file.py:Class
     timeout: Annotated[float, Field(gt=0, le=3600)] = 60.0  # s for one answer
+    sha256: Annotated[str, Field(pattern="^[0-9a-f]{64}$")] | None = None  # at registration
+
+    def file_hash(self) -> str | None:
+        """SHA-256 of the file that it names now; None for a module or if there is none."""
+        path = Path(self.target.rpartition(":")[0])
+        if path.suffix != ".py" or not path.is_file():
+            return None
+        return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
 class ReplayPolicy(_Message):
@@ -78,6 +89,7 @@ class ShardJob(_Message):
     policy_name: str  # as recordings name it
     rules: Rules = "hide"
     recordings: bool = True
+    sources: str | None = None  # hash of the code that must play it; None: whatever is there
     episode_limit: float  # s of wall time for one episode
     episodes: tuple[AssignedEpisode, ...]
 

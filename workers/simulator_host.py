@@ -12,6 +12,7 @@ import sys
 import threading
 import traceback
 from collections.abc import Sequence
+from functools import cache
 from pathlib import Path
 from queue import SimpleQueue
 from typing import Any
@@ -21,6 +22,7 @@ from numpy.typing import NDArray
 
 from hide_tasks.bullet.scene import Part
 from hide_tasks.contract import DecisionRecord, EpisodeResult, EpisodeSpec, Observation, Start
+from hide_tasks.sources import sources_hash
 from workers import policies, wire
 from workers.hidden_trace import HiddenTrace
 from workers.policy_host import die_with_parent
@@ -56,8 +58,10 @@ def play(request: Play, connection: socket.socket) -> EpisodeCommit:
     """The finished episode, but for its recording's hash.
 
     Raises:
+        OtherSources: this process would play it by other code than the rest of its evaluation.
         Exception: the simulator or the recording failed; a policy's failure is in the result.
     """
+    _require_sources(request.episode.spec.task, request.sources)
     job = EpisodeJob(
         request.episode.spec,
         choice(request),
@@ -77,6 +81,21 @@ def play(request: Play, connection: socket.socket) -> EpisodeCommit:
         thumbnail=trace.thumbnail,
         digest=measured_digest(*measured),
     )
+
+
+class OtherSources(Exception):
+    """The code on the disk has changed since the server was started."""
+
+
+def _require_sources(task: str, wanted: str | None) -> None:
+    if wanted is not None and sources_of(task) != wanted:
+        raise OtherSources(f"the sources of {task} changed; start the server anew")
+
+
+@cache
+def sources_of(task: str) -> str:
+    """The hash of the code that this process plays a task by; read once, as the code is."""
+    return sources_hash(task)
 
 
 def choice(request: Play) -> policies.PolicyChoice:

@@ -41,6 +41,7 @@ class Play(BaseModel):
     policy_name: str  # as recordings name it
     rules: Rules = "hide"
     recordings: Path | None = None  # the folder for the recording; None: none is made
+    sources: str | None = None  # hash of the code that must play it
 
     def patience(self, decided: int | None) -> float:
         """Seconds until the next sign of life, after so many decisions; None: before the start."""

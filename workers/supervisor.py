@@ -16,7 +16,15 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-from workers.ledger_client import Dropped, GrowingFile, LedgerClient, LedgerError, Refused, Stale
+from workers.ledger_client import (
+    AlreadyFinal,
+    Dropped,
+    GrowingFile,
+    LedgerClient,
+    LedgerError,
+    Refused,
+    Stale,
+)
 from workers.protocol import AssignedEpisode, EpisodeCommit, ShardJob, Stored
 from workers.simulator import recording_name
 from workers.simulator_process import Play, SimulatorFailure, SimulatorProcess
@@ -63,7 +71,10 @@ def _run_episodes(job: ShardJob, ledger: LedgerClient, scratch: Path) -> list[st
     """Why episodes could not be played, each in one sentence."""
     faults = []
     for episode in job.episodes:
-        ledger.start(episode.id)
+        try:
+            ledger.start(episode.id)
+        except AlreadyFinal:  # the engine placed this job again
+            continue
         try:
             commit = _play(job, episode, ledger, scratch)
             ledger.commit(episode.id, commit)
@@ -83,6 +94,7 @@ def _play(
             policy=job.policy,
             policy_name=job.policy_name,
             rules=job.rules,
+            sources=job.sources,
             recordings=Path(folder) if job.recordings else None,
         )
         if not job.recordings:

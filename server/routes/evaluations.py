@@ -10,7 +10,7 @@ from pydantic import ValidationError
 from server import episodes, evaluations, followers, lifecycle
 from server.deps import Cursor, EvaluationId, Limit, Reading, TheHub
 from server.hub import Hub
-from server.problems import Problem, invalid, of_validation
+from server.problems import invalid, of_exception, of_validation
 from server.schemas import (
     AttemptPublic,
     Batch,
@@ -70,8 +70,8 @@ def _item(hub: Hub, item: dict[str, Any]) -> BatchItem:
         created = _create(hub, EvaluationCreate.model_validate(item))
     except ValidationError as error:
         problem = of_validation(error.errors())
-    except Problem as error:
-        problem = error
+    except Exception as error:  # what is queued already must be told, whatever happens to the rest
+        problem = of_exception(error)
     else:
         return BatchItem(status=202, evaluation=created)
     return BatchItem(status=problem.status, problem=problem.document)
@@ -142,8 +142,8 @@ async def follow_evaluation(
 ) -> AsyncIterator[ServerSentEvent]:
     """What happens to it, as server-sent events, until it has ended.
 
-    `episode`, `evaluation`, `attempt` and `divergence` are kept and have numbers; `progress` is
-    said after them and has none.
+    `episode`, `evaluation`, `attempt`, `fault` and `divergence` are kept and have numbers;
+    `progress` is said after them and has none.
     """
     async for event in followers.follow(hub, evaluation, last_event_id or after):
         yield event

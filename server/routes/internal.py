@@ -37,9 +37,12 @@ async def receive_recording(
         stored = await growing.fill(request.stream())
         growing.place = hub.blobs.path(stored.sha256)
         await asyncio.to_thread(hub.blobs.take, growing.path, stored.sha256)
-    except (ClientDisconnect, TooLarge) as error:
+    except ClientDisconnect:
         hub.recordings.forget(episode, growing)
-        raise Problem(400, "broken_off", str(error) or "The recording broke off.") from None
+        raise Problem(400, "broken_off", "The recording broke off.") from None
+    except TooLarge as error:
+        hub.recordings.forget(episode, growing)
+        raise Problem(413, "too_large", str(error)) from None
     except FileNotFoundError:  # the attempt was ended, and its recordings were forgotten
         raise Problem(409, "stale_attempt", f"Attempt {attempt} has ended.") from None
     except BaseException:

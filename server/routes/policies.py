@@ -10,6 +10,7 @@ from workers.policies import BadPolicy, Hosted, Surroundings
 from workers.protocol import PythonPolicy
 
 router = APIRouter(prefix="/policies", tags=["policies"])
+CHECK_LIMIT = 60.0  # s for importing and constructing a class
 
 
 @router.get("")
@@ -30,6 +31,8 @@ def register_policy(wanted: PolicyCreate, hub: TheHub, response: Response) -> Po
         )
     if isinstance(wanted.spec, PythonPolicy):
         _require_loads(wanted.spec)
+        known = wanted.spec.model_copy(update={"sha256": wanted.spec.file_hash()})
+        wanted = wanted.model_copy(update={"spec": known})
     with hub.database.writing() as session:
         version = policies.public(policies.register(session, wanted))
     response.headers["Location"] = f"/api/v1/policies/{version.id}"
@@ -39,7 +42,7 @@ def register_policy(wanted: PolicyCreate, hub: TheHub, response: Response) -> Po
 def _require_loads(spec: PythonPolicy) -> None:
     """Loads the class once, in a process of its own: better now than in every episode."""
     try:
-        Hosted(spec.target, Surroundings(timeout=spec.timeout)).check()
+        Hosted(spec.target, Surroundings(timeout=spec.timeout)).check(CHECK_LIMIT)
     except BadPolicy as error:
         raise invalid("spec.target", str(error)) from None
 

@@ -9,16 +9,17 @@ from typing import NamedTuple
 import pytest
 from sqlalchemy import select
 
-from server import evaluations, jobs, lifecycle
+from server import evaluations, jobs, lifecycle, policies
 from server.bell import Bell
 from server.db import Database
 from server.growing import GrowingRecordings
 from server.models import Attempt, Shard
 from server.reconciler import Reconciler
+from server.schemas import EvaluationCreate, PolicyCreate
 from tests.server import ledgers, shards
 from tests.server.running import until
 from workers.engines.local import LocalEngine
-from workers.protocol import ShardJob
+from workers.protocol import PythonPolicy, ShardJob
 
 
 class Parts(NamedTuple):
@@ -149,3 +150,25 @@ def test_what_cannot_be_played_fails_and_does_not_hold_up_the_rest(tmp_path: Pat
         with these.database.reading() as session:
             assert "--allow-python" in str(evaluations.get(session, mine).reason)
         assert len(these.engine.inventory()) == 1
+
+
+def test_a_class_that_changed_since_it_was_registered_is_not_played(tmp_path: Path) -> None:
+    file = tmp_path / "policy.py"
+    file.write_text("class Mine: ...")
+    spec = PythonPolicy(target=f"{file}:Mine")
+    known = spec.model_copy(update={"sha256": spec.file_hash()})
+    with parts(tmp_path, shards.hangs) as these, these.database.writing() as session:
+        wanted = PolicyCreate(name="mine", spec=known)
+        evaluation = evaluations.create(
+            session,
+            EvaluationCreate(policy=policies.register(session, wanted).id, episodes=1),
+        )
+        session.flush()
+        [shard, *_] = session.scalars(select(Shard).where(Shard.evaluation_id == evaluation.id))
+        draft = partial(jobs.draft, session, shard, server="", episode_limit=1.0)
+
+        assert draft(allow_python=True).sources == evaluation.sources[shard.task]
+        file.write_text("class Mine: pass")
+
+        with pytest.raises(jobs.CannotPlay, match="register it again"):
+            draft(allow_python=True)

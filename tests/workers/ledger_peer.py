@@ -9,9 +9,10 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 
 import uvicorn
-from fastapi import FastAPI, HTTPException, Request
+from fastapi import FastAPI, HTTPException, Request, Response
+from fastapi.responses import JSONResponse
 
-from workers.protocol import INTERNAL, Committed, EpisodeCommit, Fault, Stored
+from workers.protocol import EPISODE_FINAL, INTERNAL, Committed, EpisodeCommit, Fault, Stored
 
 TOKEN = "of-this-attempt"
 EPISODE = f"{INTERNAL}/attempts/{{attempt}}/episodes/{{episode}}"
@@ -28,6 +29,7 @@ class Kept:
     arrived: list[float] = field(default_factory=list)  # when, s
     faults: dict[str, str] = field(default_factory=dict)
     answers: dict[str, list[int]] = field(default_factory=dict)  # status codes to give first
+    final: set[str] = field(default_factory=set)  # episodes that are committed already
 
 
 @dataclass
@@ -50,8 +52,11 @@ def app(kept: Kept) -> FastAPI:
             raise HTTPException(code, f"as the test wants it: {what} {code}")
 
     @application.post(EPISODE + "/start")
-    def start(episode: str, request: Request) -> None:
+    def start(episode: str, request: Request) -> Response:
         hear("start", episode, request)
+        if episode in kept.final:
+            return JSONResponse({"code": EPISODE_FINAL, "status": 409}, 409)
+        return Response(status_code=204)
 
     @application.put(EPISODE + "/recording")
     async def recording(episode: str, request: Request) -> Stored:

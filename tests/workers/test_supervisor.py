@@ -16,6 +16,7 @@ from hide_tasks import suite
 from hide_tasks.contract import Failure, Stop
 from hide_tasks.episode import play
 from hide_tasks.policies import Expert
+from hide_tasks.sources import sources_hash
 from tests.workers.ledger_peer import TOKEN, Peer, serving
 from tests.workers.processes import command, gone, parent, wait_for
 from workers import supervisor
@@ -146,6 +147,22 @@ def test_a_refused_result_costs_one_episode(peer: Peer) -> None:
         run_shard(shard(peer, AT_ONCE))
 
     assert (set(peer.kept.faults), set(peer.kept.commits)) == ({"e0"}, {"e1"})
+
+
+def test_what_a_job_that_was_placed_again_had_committed_is_left_alone(peer: Peer) -> None:
+    peer.kept.final = {"e0"}
+
+    run_shard(shard(peer, AT_ONCE, recordings=False))
+
+    assert (set(peer.kept.commits), peer.kept.faults) == ({"e1"}, {})
+
+
+def test_other_sources_than_the_evaluations_play_nothing(peer: Peer) -> None:
+    with pytest.raises(ShardFailure, match=r"2 of 2 .* the sources of push_button_times changed"):
+        run_shard(shard(peer, AT_ONCE, sources="0" * 64))
+    run_shard(shard(peer, AT_ONCE, sources=sources_hash(TASK)))
+
+    assert set(peer.kept.faults) == {"e0", "e1"} == set(peer.kept.commits)
 
 
 def test_a_stale_attempt_ends_quietly(peer: Peer) -> None:

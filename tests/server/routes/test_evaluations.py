@@ -159,3 +159,16 @@ def test_a_restart_takes_back_what_was_handed_out(tmp_path: Path) -> None:
         ]
         assert late.status_code == 409
         assert list(hub_of(here).folder.growing.iterdir()) == []
+
+
+def test_a_batch_with_a_name_that_is_no_text_still_tells_of_its_other_items(
+    here: TestClient,
+) -> None:
+    content = b'{"items": [{"policy": "noop", "episodes": 1}, {"\\ud800": 1}]}'
+
+    answer = here.post(
+        f"{API}/batches", content=content, headers={"Content-Type": "application/json"}
+    )
+
+    assert answer.status_code == 202
+    assert [item["status"] for item in answer.json()["items"]] == [202, 422]

@@ -150,7 +150,7 @@ def test_too_large_a_recording_over_http(here: TestClient, monkeypatch: pytest.M
 
     answer = worker.record(worker.episodes[0], b"x" * 11)
 
-    assert answer.status_code == 400 and problem_of(answer)["code"] == "broken_off"
+    assert answer.status_code == 413 and problem_of(answer)["code"] == "too_large"
     assert list(hub_of(here).folder.growing.iterdir()) == []
 
 

@@ -1,6 +1,7 @@
 /** The Rerun viewer in a page: it opens a recording, seeks, and tells where it is. */
 
 const SECOND = 1e9; // nanoseconds
+const PATIENCE = 50; // tries to seek in a recording that is still loading, 0.2 s each
 const NARROW = 700; // pixels: no room for the viewer's own top bar
 
 // The viewer writes 20,000 lines of debugging while it starts.
@@ -68,15 +69,26 @@ export class Replay {
     const waiting = this.wanted !== null;
     this.wanted = seconds;
     if (waiting || !this.opened) return;
-    while (this.wanted !== null) {
+    for (let tries = 0; this.wanted !== null; tries++) {
       const nanoseconds = Math.round(this.wanted * SECOND);
       await this.#set({ timeline: "time", duration_nanos: nanoseconds, play_state: "paused" });
-      if (Math.round((this.wanted ?? 0) * SECOND) === nanoseconds) this.wanted = null;
+      const there = tries > PATIENCE || (await this.#isAt(nanoseconds));
+      if (this.wanted !== null && Math.round(this.wanted * SECOND) !== nanoseconds) tries = 0;
+      else if (there) this.wanted = null;
+      else await new Promise((resolve) => setTimeout(resolve, 200));
     }
+  }
+
+  /** While it loads, the viewer goes no further than what it has. @param {number} nanoseconds */
+  async #isAt(nanoseconds) {
+    const state = await this.viewer.get_state();
+    const time = state?.recordings?.[0]?.current_time?.time;
+    return time !== undefined && Math.abs(Number(time) - nanoseconds) < 1e6;
   }
 
   /** @param {boolean} playing */
   async play(playing) {
+    this.wanted = null;
     if (this.opened) await this.#set({ timeline: "time", play_state: playing ? "playing" : "paused" });
   }
 
