@@ -8,25 +8,21 @@ import sys
 import time
 from importlib.metadata import version
 from pathlib import Path
-from shutil import which
 from statistics import median
 from tempfile import TemporaryDirectory
 from typing import Any
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from tests.server.running import RunningServer, command_of, descendants, kill, until
+from tests.chromium import CHROMIUM, FLAGS
+from tests.processes import command
+from tests.server.running import RunningServer, kill, until
 from workers.evaluation import Evaluation, evaluate
+from workers.simulator_process import descendants
 
 EPISODES = 20  # of each of three tasks
 TASKS = ("push_button_times", "reopen_drawer", "search_drawer")
 LAYOUT = f"/viewer/{version('rerun-sdk')}/layout.rbl"
-CHROMIUM = which("chromium") or which("chromium-browser")
-FLAGS = [
-    "--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader",
-    "--disable-background-networking", "--disable-component-update", "--disable-sync",
-    "--no-first-run", "--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1",
-]  # fmt: skip
 
 
 def by_hide_eval(folder: Path, workers: int) -> float:
@@ -69,7 +65,7 @@ def victims(server: RunningServer) -> dict[str, Any]:
 
     def simulator() -> int:
         below = descendants(server.process.pid)
-        return next(pid for pid in below if "simulator_host" in command_of(pid))
+        return next(pid for pid in below if "simulator_host" in command(pid))
 
     return {"simulator": simulator, "worker": lambda: server.workers[0]}
 

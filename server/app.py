@@ -13,11 +13,10 @@ from server.guard import Guard
 from server.hub import Hub
 from server.routes import catalogue, episodes, evaluations, health, internal, policies
 from server.schemas import ProblemDocument
-from server.settings import Settings
+from server.settings import LOOPBACK, Settings
 from workers.protocol import INTERNAL
 
 API = "/api/v1"
-LOOPBACK = ("127.0.0.1", "localhost", "::1")
 PROBLEM = {problems.MEDIA_TYPE: {"schema": {"$ref": "#/components/schemas/ProblemDocument"}}}
 ANY_PROBLEM: dict[int | str, dict[str, Any]] = {
     404: {"description": "There is no such thing.", "content": PROBLEM},
@@ -56,7 +55,7 @@ def create_app(settings: Settings) -> FastAPI:
     app.state.settings = settings
     app.include_router(_api(), prefix=API, responses=ANY_PROBLEM)
     app.include_router(internal.router, prefix=INTERNAL, include_in_schema=False)
-    app.add_middleware(Guard, hosts={*LOOPBACK, settings.host})
+    app.add_middleware(Guard, hosts=LOOPBACK)
     problems.install(app)
     app.openapi = lambda: _described(app)  # type: ignore[method-assign]
     return app

@@ -3,7 +3,6 @@
 import hashlib
 import os
 import re
-from collections.abc import Collection
 from pathlib import Path
 
 from sqlalchemy.orm import Session
@@ -12,6 +11,7 @@ from server.models import Blob
 
 RRD = "application/vnd.rerun.rrd"
 JPEG = "image/jpeg"
+PART = ".part"
 SHA256 = re.compile("[0-9a-f]{64}")
 
 
@@ -39,17 +39,16 @@ class Blobs:
         sync_folder(target.parent)
         sync_folder(self.folder)  # target.parent may be its newest entry
 
-    def sweep(self, known: Collection[str]) -> None:
-        """Removes what no ledger knows, while nothing is on its way in."""
-        for file in self.folder.rglob("*"):
-            if file.is_file() and file.parent.name + file.name not in known:
-                file.unlink()
+    def clear_parts(self) -> None:
+        """Removes half-written files; a whole one stays, even if this ledger does not know it."""
+        for file in self.folder.glob(f".*{PART}"):
+            file.unlink()
 
     def put(self, content: bytes) -> str:
         """Keeps some bytes; their SHA-256."""
         sha256 = hashlib.sha256(content).hexdigest()
         if not self.path(sha256).exists():
-            part = self.folder / f".{sha256}.{os.urandom(4).hex()}.part"
+            part = self.folder / f".{sha256}.{os.urandom(4).hex()}{PART}"
             part.parent.mkdir(parents=True, exist_ok=True)
             part.write_bytes(content)
             self.take(part, sha256)

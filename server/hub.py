@@ -4,15 +4,12 @@ import shutil
 from dataclasses import dataclass, field
 from functools import partial
 
-from sqlalchemy import select
-
 from server import evaluations, first_run, jobs, lifecycle, policies
 from server.bell import Bell
 from server.blobs import Blobs
 from server.data_folder import DataFolder
 from server.db import Database
 from server.growing import GrowingRecordings
-from server.models import Blob
 from server.reconciler import Reconciler
 from server.settings import Settings
 from workers.engines.engine import Engine
@@ -55,19 +52,19 @@ class Hub:
     @property
     def address(self) -> str:
         """Where workers of this machine reach the server."""
-        host = "127.0.0.1" if self.settings.host in ("0.0.0.0", "localhost") else self.settings.host
+        host = "127.0.0.1" if self.settings.host == "localhost" else self.settings.host
         return f"http://{f'[{host}]' if ':' in host else host}:{self.settings.port}"
 
     def start(self) -> None:
         """Takes up what was left, and begins to hand out work; the event loop is running."""
         self.bell.attach()
         self.recordings.clear()
+        self.blobs.clear_parts()
         with self.database.writing() as session:
             policies.register_builtin(session)
             lifecycle.recover(session, evaluations.current_sources())
             if self.settings.references:
                 first_run.evaluate_references(session)
-            self.blobs.sweep(set(session.scalars(select(Blob.sha256))))
         if self.settings.workers:
             self._start_workers(self.settings.workers)
 

@@ -13,7 +13,6 @@ resume ─► failed Shards pending                                       Evalua
 import hashlib
 import secrets
 from collections.abc import Mapping, Sequence
-from datetime import timedelta
 from typing import Any
 
 from sqlalchemy import func, select, update
@@ -43,7 +42,6 @@ from server.states import (
 from workers.protocol import EPISODE_FINAL, SHARD_SIZE
 
 FAULTS = 3  # attempts of a shard that may be lost before it fails
-SLACK = timedelta(minutes=10)  # an attempt may wait so long in the engine
 
 
 def emit(session: Session, evaluation: str, kind: str, **payload: Any) -> None:
@@ -149,7 +147,7 @@ def next_shard(session: Session) -> Shard | None:
     )
 
 
-def lease(session: Session, shard: Shard, *, engine: str, limit: float) -> tuple[Attempt, str]:
+def lease(session: Session, shard: Shard, *, engine: str) -> tuple[Attempt, str]:
     """A new attempt with the next fence, and its token, which is kept nowhere."""
     token = secrets.token_urlsafe(32)
     shard.fence += 1
@@ -160,7 +158,6 @@ def lease(session: Session, shard: Shard, *, engine: str, limit: float) -> tuple
         fence=shard.fence,
         engine=engine,
         token_hash=hash_token(token),
-        deadline=now() + timedelta(seconds=limit) + SLACK,
     )
     session.add(attempt)
     evaluation = shard.evaluation

@@ -154,7 +154,6 @@ class Attempt(Base):
     state: Mapped[str] = mapped_column(Name, default="open")
     token_hash: Mapped[str] = mapped_column(Digest)
     leased: Mapped[datetime] = mapped_column(default=now)
-    deadline: Mapped[datetime]
     ended: Mapped[datetime | None]
     reason: Mapped[str | None]
     shard: Mapped[Shard] = relationship()

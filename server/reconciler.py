@@ -145,5 +145,5 @@ class Reconciler:
         except ValueError as error:
             lifecycle.fail_shard(session, shard, str(error))
             return None
-        attempt, token = lifecycle.lease(session, shard, engine="local", limit=draft.limit)
+        attempt, token = lifecycle.lease(session, shard, engine="local")
         return draft.model_copy(update={"attempt": attempt.id, "token": token})

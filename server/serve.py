@@ -12,9 +12,8 @@ from fastapi import FastAPI
 from server.arguments import BadUsage
 from server.data_folder import DataFolderError
 from server.db import LedgerError
-from server.settings import Settings
+from server.settings import LOOPBACK, Settings
 
-LOOPBACK = ("127.0.0.1", "localhost", "::1")
 BACKLOG = 128
 GRACE = 3  # s that open requests have when the server stops
 

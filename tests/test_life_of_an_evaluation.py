@@ -10,8 +10,10 @@ from typing import Any
 
 import pytest
 
-from tests.server.running import RunningServer, descendants, gone, kill, until
+from tests.processes import gone
+from tests.server.running import RunningServer, kill, until
 from workers.recording import properties_of
+from workers.simulator_process import descendants
 
 pytestmark = [
     pytest.mark.slow,

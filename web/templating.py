@@ -3,7 +3,6 @@
 import hashlib
 from collections.abc import Mapping
 from functools import cache
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlencode
@@ -13,6 +12,7 @@ from fastapi import Request
 from fastapi.responses import HTMLResponse
 from markupsafe import Markup, escape
 
+from hide_tasks.machine import installed
 from web import charts, wording
 
 HERE = Path(__file__).parent
@@ -66,10 +66,7 @@ def breakable(name: str) -> Markup:
 @cache
 def release() -> str:
     """The version of this package."""
-    try:
-        return version("hide-seek")
-    except PackageNotFoundError:
-        return "from a folder"
+    return installed("hide-seek") or "from a folder"
 
 
 ENVIRONMENT.globals.update(

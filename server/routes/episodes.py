@@ -1,18 +1,19 @@
 """Episodes: filtered, one by one, with decisions, hidden states and recordings."""
 
 import asyncio
-from collections.abc import AsyncIterator
+from contextlib import suppress
 from typing import Annotated
 
 from fastapi import APIRouter, Query, Response
 from fastapi.responses import FileResponse, StreamingResponse
 from pydantic import BaseModel, ConfigDict, Field
 from sqlalchemy.orm import Session
+from starlette.types import Send
 
 from hide_tasks.contract import Category, Failure
 from server import blobs, episodes, evaluations
 from server.deps import Cursor, EpisodeId, EvaluationId, Limit, Reading, TheHub
-from server.growing import Growing
+from server.growing import BrokenOff, Growing
 from server.hub import Hub
 from server.problems import not_found
 from server.schemas import (
@@ -30,6 +31,14 @@ FOR_EVER = {"Cache-Control": "private, max-age=31536000, immutable"}
 NEVER = {"Cache-Control": "no-store"}
 PATIENCE = 5.0  # s to wait for the first bytes of a running episode's recording
 Text = Annotated[str | None, Field(max_length=80)]
+
+
+class Followed(StreamingResponse):
+    """A growing recording; when it breaks off, the answer stays unfinished and its reader knows."""
+
+    async def stream_response(self, send: Send) -> None:
+        with suppress(BrokenOff):
+            await super().stream_response(send)
 
 
 class WithinFilter(BaseModel):
@@ -116,7 +125,7 @@ async def get_recording(episode: EpisodeId, hub: TheHub) -> Response:
     """The recording; that of a running episode comes as it grows, from its first byte."""
     growing = await _coming_in(hub, episode)
     if growing is not None:
-        return StreamingResponse(_follow(growing), media_type=blobs.RRD, headers=NEVER)
+        return Followed(growing.follow(), media_type=blobs.RRD, headers=NEVER)
     sha256 = await asyncio.to_thread(_recording, hub, episode)
     if sha256 is None:
         raise not_found("recording of episode", episode)
@@ -130,11 +139,6 @@ async def _coming_in(hub: Hub, episode: str) -> Growing | None:
             return growing
         await asyncio.sleep(0.1)
     return None
-
-
-async def _follow(growing: Growing) -> AsyncIterator[bytes]:
-    async for piece in growing.follow():
-        yield piece
 
 
 def _recording(hub: Hub, episode: str) -> str | None:

@@ -82,7 +82,7 @@ class Worker:
         with hub.database.writing() as session:
             shard = lifecycle.next_shard(session)
             assert shard is not None
-            attempt, token = lifecycle.lease(session, shard, engine="local", limit=60.0)
+            attempt, token = lifecycle.lease(session, shard, engine="local")
             self.attempt, self.shard = attempt.id, shard.id
             self.evaluation = shard.evaluation_id
             self.specs = {one.id: lifecycle.spec_of(one) for one in shard.episodes}

@@ -79,12 +79,12 @@ def created(session: Session, policy: str = "expert", **wanted: Any) -> Evaluati
     return evaluations.create(session, EvaluationCreate(policy=policy, **wanted))
 
 
-def leased(session: Session, limit: float = 60.0) -> tuple[Attempt, Shard] | None:
+def leased(session: Session) -> tuple[Attempt, Shard] | None:
     """The next attempt, if a shard waits."""
     shard = lifecycle.next_shard(session)
     if shard is None:
         return None
-    return lifecycle.lease(session, shard, engine="local", limit=limit)[0], shard
+    return lifecycle.lease(session, shard, engine="local")[0], shard
 
 
 def result_of(spec: EpisodeSpec, failure: Outcome = None, **changes: Any) -> EpisodeCommit:

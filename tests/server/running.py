@@ -12,6 +12,9 @@ from typing import Any, Self
 
 import httpx
 
+from tests.processes import command
+from workers.simulator_process import descendants
+
 ROOT = Path(__file__).parents[2]
 START_LIMIT = 60.0  # s
 
@@ -94,7 +97,8 @@ class RunningServer:
     @property
     def workers(self) -> list[int]:
         """The engine's processes: the supervisors."""
-        return [pid for pid in children(self.process.pid) if "spawn_main" in command_of(pid)]
+        below = descendants(self.process.pid)
+        return [pid for pid in below if "spawn_main" in command(pid)]
 
 
 def until(look: Callable[[], Any], what: str, seconds: float = 60.0, *, every: float = 0.05) -> Any:
@@ -104,41 +108,6 @@ def until(look: Callable[[], Any], what: str, seconds: float = 60.0, *, every: f
         assert time.monotonic() < deadline, f"{what} did not come"
         time.sleep(every)
     return found
-
-
-def children(pid: int) -> list[int]:
-    """Processes that a process started."""
-    file = Path(f"/proc/{pid}/task/{pid}/children")
-    direct = [int(child) for child in file.read_text().split()] if file.exists() else []
-    for thread in Path(f"/proc/{pid}/task").glob("*/children"):
-        direct += [int(child) for child in thread.read_text().split() if int(child) not in direct]
-    return direct
-
-
-def descendants(pid: int) -> list[int]:
-    """Processes below a process."""
-    mine = children(pid)
-    return [*mine, *(below for child in mine for below in descendants(child))]
-
-
-def command_of(pid: int) -> str:
-    """A process's command line; nothing if it is gone."""
-    try:
-        return Path(f"/proc/{pid}/cmdline").read_text().replace("\0", " ")
-    except (FileNotFoundError, ProcessLookupError):
-        return ""
-
-
-def gone(pids: list[int]) -> bool:
-    """True when none of the processes runs."""
-    return not any(_runs(pid) for pid in pids)
-
-
-def _runs(pid: int) -> bool:
-    try:
-        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
-    except (FileNotFoundError, ProcessLookupError):
-        return False
 
 
 def kill(pid: int) -> None:

@@ -162,7 +162,7 @@ def test_a_token_is_kept_nowhere(database: Database) -> None:
         ledgers.created(session, tasks=[TASK], episodes=1)
         shard = lifecycle.next_shard(session)
         assert shard is not None
-        attempt, token = lifecycle.lease(session, shard, engine="local", limit=1.0)
+        attempt, token = lifecycle.lease(session, shard, engine="local")
 
         assert attempt.token_hash == lifecycle.hash_token(token)
     assert token.encode() not in database.path.read_bytes()

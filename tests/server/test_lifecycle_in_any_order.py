@@ -72,7 +72,7 @@ class Life(RuleBasedStateMachine):
                 return ""
             assert shard.evaluation_id == self.evaluation
             assert shard.evaluation.desired == "finished"
-            attempt, _ = lifecycle.lease(session, shard, engine="local", limit=60.0)
+            attempt, _ = lifecycle.lease(session, shard, engine="local")
             assert attempt.fence > self.fences.get(shard.id, 0)
             self.fences[shard.id] = attempt.fence
             return attempt.id

@@ -9,8 +9,10 @@ from pathlib import Path
 import httpx
 import pytest
 
-from tests.server.running import RunningServer, descendants, gone, until
+from tests.processes import gone
+from tests.server.running import RunningServer, until
 from workers.recording import properties_of
+from workers.simulator_process import descendants
 
 SLOW = {"kind": "python", "target": "tests.server.slow_policy:Slow"}
 

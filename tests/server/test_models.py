@@ -122,11 +122,11 @@ def test_a_row_is_not_replaced_by_another_with_its_key(
         (f"UPDATE episodes SET exact = 1, failure = 'overcount' WHERE id = {RUNNING}",
          "exact_has_no_failure"),
         (f"UPDATE episodes SET exact = 0 WHERE id = {RUNNING}", "exact_has_no_failure"),
-        ("INSERT INTO attempts (id, shard_id, fence, engine, state, token_hash, leased, deadline) "
-         f"VALUES ('at_2', {LEASED}, 2, 'local', 'open', '', '2026-01-01', '2026-01-01')",
+        ("INSERT INTO attempts (id, shard_id, fence, engine, state, token_hash, leased) "
+         f"VALUES ('at_2', {LEASED}, 2, 'local', 'open', '', '2026-01-01')",
          "attempts.shard_id"),
-        ("INSERT INTO attempts (id, shard_id, fence, engine, state, token_hash, leased, deadline) "
-         "SELECT 'at_2', shard_id, 1, 'local', 'open', '', '2026-01-01', '2026-01-01' "
+        ("INSERT INTO attempts (id, shard_id, fence, engine, state, token_hash, leased) "
+         "SELECT 'at_2', shard_id, 1, 'local', 'open', '', '2026-01-01' "
          "FROM attempts WHERE state = 'done'", "attempts.shard_id, attempts.fence"),
         (f"UPDATE episodes SET recording = 'ab' WHERE id = {RUNNING}", "FOREIGN KEY"),
         ("DELETE FROM shards", "FOREIGN KEY"),

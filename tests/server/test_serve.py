@@ -9,8 +9,10 @@ from pathlib import Path
 import pytest
 
 from server import cli
+from tests.processes import gone
 from tests.server import ledgers
-from tests.server.running import RunningServer, descendants, gone, until
+from tests.server.running import RunningServer, until
+from workers.simulator_process import descendants
 
 
 def refused(capfd: pytest.CaptureFixture[str], *arguments: object) -> str:

@@ -31,8 +31,8 @@ def ledger(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Connection]:
     with database.engine.execution_options(writes=True).connect() as connection:
         connection.execute(
             text(
-                "INSERT INTO attempts (id, shard_id, fence, engine, state, token_hash, leased, "
-                "deadline) SELECT 'at_1', id, 1, 'local', 'open', '', '2026-01-01', '2026-01-01' "
+                "INSERT INTO attempts (id, shard_id, fence, engine, state, token_hash, leased) "
+                "SELECT 'at_1', id, 1, 'local', 'open', '', '2026-01-01' "
                 "FROM shards"
             )
         )

@@ -5,7 +5,6 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from shutil import which
 from typing import Any
 
 import httpx
@@ -17,23 +16,12 @@ from server import lifecycle
 from server.commit import commit
 from server.models import Attempt, Episode
 from server.states import EpisodeState
+from tests.chromium import CHROMIUM, FLAGS
 from tests.server import ledgers
 from tests.web import sites
 from tests.web.sites import Site
 from workers.protocol import INTERNAL
 
-CHROMIUM = which("chromium") or which("chromium-browser")
-FLAGS = [
-    "--no-sandbox",
-    "--use-gl=angle",
-    "--use-angle=swiftshader",  # WebGL2 without a GPU
-    "--enable-unsafe-swiftshader",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--disable-sync",
-    "--no-first-run",
-    "--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1",
-]
 WIDTHS = {"desk": 1440, "phone": 390}
 STATE = """async () => {
     const state = await document.querySelector("#viewer").viewer?.get_state();
@@ -249,7 +237,7 @@ class SlowWorker(threading.Thread):
             ledgers.created(session, "noop", priority=100, **wanted)
             shard = lifecycle.next_shard(session)
             assert sha256 and shard
-            attempt, token = lifecycle.lease(session, shard, engine="local", limit=60)
+            attempt, token = lifecycle.lease(session, shard, engine="local")
             self.attempt, self.episode = attempt.id, lifecycle.open_episodes(shard)[0].id
         self.content = site.hub.blobs.path(sha256).read_bytes()
         url = f"{address}{INTERNAL}/attempts/{self.attempt}/episodes/{self.episode}"

@@ -5,8 +5,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -14,8 +12,10 @@ from typing import Any
 import pytest
 
 from hide_tasks.contract import EpisodeSpec
+from tests.processes import gone, wait_for
 from workers.evaluation import Evaluation, Watcher, evaluate, missing
 from workers.run_folder import DECISIONS, RESULTS, RunFolder
+from workers.simulator_process import descendants
 
 ROOT = Path(__file__).parents[2]
 TASKS = ("push_button_times", "reopen_drawer")
@@ -43,30 +43,6 @@ def episodes_in(folder: Path) -> int:
         return len(json.loads((folder / RESULTS).read_text())["episodes"])
     except FileNotFoundError:
         return 0
-
-
-def descendants(pid: int) -> list[int]:
-    children = Path(f"/proc/{pid}/task/{pid}/children")
-    mine = [int(child) for child in children.read_text().split()] if children.exists() else []
-    return [*mine, *(grandchild for child in mine for grandchild in descendants(child))]
-
-
-def gone(pids: Sequence[int]) -> bool:
-    return not any(_running(pid) for pid in pids)
-
-
-def _running(pid: int) -> bool:
-    try:
-        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
-    except (FileNotFoundError, ProcessLookupError):
-        return False
-
-
-def wait_for(condition: Any, what: str, seconds: float = 60.0) -> None:
-    deadline = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < deadline, f"{what} did not come"
-        time.sleep(0.02)
 
 
 @pytest.fixture(scope="module")

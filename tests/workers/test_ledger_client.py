@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.processes import wait_for
 from tests.workers.ledger_peer import TOKEN, Kept, Peer, free_port, serving
-from tests.workers.processes import wait_for
 from workers.ledger_client import (
     Dropped,
     GrowingFile,

@@ -11,7 +11,6 @@ from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from importlib.util import find_spec
 from itertools import groupby
 from pathlib import Path
-from shutil import which
 from time import monotonic
 from typing import Any
 
@@ -43,6 +42,7 @@ from hide_tasks.contract import (
     Start,
 )
 from hide_tasks.policies import Expert
+from tests.chromium import CHROMIUM, FLAGS
 from workers.recording import Recorder, drawn, properties_of
 from workers.recording_layout import as_text, write_layout
 
@@ -380,18 +380,6 @@ def test_recording_touches_no_file_but_its_own(tmp_path: Path) -> None:
 
 # --- the viewer ---
 
-CHROMIUM = which("chromium") or which("chromium-browser")
-FLAGS = [
-    "--no-sandbox",
-    "--use-gl=angle",
-    "--use-angle=swiftshader",  # WebGL2 without a GPU
-    "--enable-unsafe-swiftshader",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--disable-sync",
-    "--no-first-run",
-    "--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1",
-]
 PAGE = """<!doctype html><body style="margin:0"><div id="v" style="width:100vw;height:100vh"></div>
 <script type="module">
 import { WebViewer } from "/viewer.js";

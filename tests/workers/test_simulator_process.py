@@ -12,7 +12,7 @@ from hide_tasks import suite
 from hide_tasks.contract import Failure
 from hide_tasks.episode import play
 from hide_tasks.policies import Expert
-from tests.workers.processes import gone, wait_for
+from tests.processes import gone, wait_for
 from workers.protocol import (
     AssignedEpisode,
     BuiltInPolicy,

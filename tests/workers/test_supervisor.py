@@ -17,8 +17,8 @@ from hide_tasks.contract import Failure, Stop
 from hide_tasks.episode import play
 from hide_tasks.policies import Expert
 from hide_tasks.sources import sources_hash
+from tests.processes import command, gone, parent, wait_for
 from tests.workers.ledger_peer import TOKEN, Peer, serving
-from tests.workers.processes import command, gone, parent, wait_for
 from workers import supervisor
 from workers.engines.local import LocalEngine
 from workers.protocol import (

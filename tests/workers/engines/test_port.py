@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.processes import alive, gone, wait_for
 from tests.workers.engines import misbehaviour
-from tests.workers.processes import alive, gone, wait_for
 from workers.engines.engine import Ended, Engine
 from workers.engines.local import LocalEngine
 
