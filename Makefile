@@ -31,7 +31,7 @@ gates: setup ## Run every gate on every episode and record the result
 # The release of torch is fixed in pyproject.toml, so resolving it along cannot pull another one.
 lock: ## Resolve every dependency anew and write constraints.txt
 	rm -rf build/lock && $(PYTHON) -m venv build/lock
-	build/lock/bin/pip install --quiet hatchling '.[seek,dask,postgres,dev]'
+	build/lock/bin/pip install --quiet hatchling '.[seek,minilm,dask,postgres,dev]'
 	{ echo '# Every version an installation may use. Written by `make lock`.'; \
 	  build/lock/bin/pip freeze --exclude hide-seek 2>/dev/null | sed 's/+.*//'; } > build/constraints.txt
 	mv build/constraints.txt constraints.txt && rm -rf build/lock
@@ -46,7 +46,7 @@ clean: ## Remove everything that setup, checks and tests leave behind
 	@echo 'Installing into .venv; the first time this takes a few minutes.'
 	$(PYTHON) -m venv .venv
 	$(BIN)/pip install $(PIP) hatchling
-	$(BIN)/pip install $(PIP) --no-build-isolation -e '.[dev]'
+	$(BIN)/pip install $(PIP) --no-build-isolation -e '.[seek,dev]'
 	@touch $@
 
 # Kernels are compiled before several processes want them at the same time.

@@ -1,0 +1,96 @@
+"""Where to go, as one heat map a view, and back to a point of the cube.
+
+f frames, v views, s pixels. Pixel i covers [i, i + 1) and has its centre at i + 0.5; the centres
+of the pixels are the projections of the centres of a grid of s^3 voxels. (RVT's grid falls on the
+corners of its pixels, which is why it averages four of them.)
+"""
+
+import torch
+from einops import rearrange
+from jaxtyping import Float
+from torch import Tensor
+from torch.nn import functional
+
+from seek_model.views import VirtualCameras
+
+SIGMA = 1.5  # pixels (RVT)
+TRUNCATED = 3.0  # sigma from the middle to where a target ends (RVT)
+CHUNK = 1_000_000  # voxels whose scores are held at a time: 4 MB, which a cache can hold
+
+
+def target(
+    pixels: Float[Tensor, "*f v 2"], size: int, sigma: float = SIGMA
+) -> Float[Tensor, "*f v {size} {size}"]:
+    """A round Gaussian about each image position (u, v) in pixels; each view sums to 1.
+
+    A view whose image it does not reach is 0 throughout, and so takes no part in the loss.
+    """
+    centers = torch.arange(size, device=pixels.device, dtype=pixels.dtype) + 0.5
+    squares = (centers - pixels[..., None]) ** 2  # *f v 2 s
+    distance = squares[..., 1, :, None] + squares[..., 0, None, :]
+    bell = torch.exp(distance / (-2 * sigma**2))
+    bell = bell.masked_fill(distance > (TRUNCATED * sigma) ** 2, 0.0)
+    total = bell.sum(dim=(-2, -1), keepdim=True)
+    return bell / total.masked_fill(total == 0, 1.0)
+
+
+def loss(
+    logits: Float[Tensor, "*f v s s"], target: Float[Tensor, "*f v s s"]
+) -> Float[Tensor, "*f"]:
+    """Cross-entropy over the pixels of a view, the mean over the views."""
+    likely = functional.log_softmax(logits.float().flatten(-2), dim=-1)
+    return -(target.flatten(-2) * likely).sum(dim=-1).mean(dim=-1)
+
+
+@torch.no_grad()
+def decode(logits: Float[Tensor, "f v s s"], cameras: VirtualCameras) -> Float[Tensor, "f 3"]:
+    """The voxel centre, in the cube, where the mean of the views' softmaxed maps is highest.
+
+    A view that looks along an axis says the same of all voxels along it, so that the score of a
+    voxel is the sum of one value of each of three maps, whatever the number of views.
+    """
+    zy, zx, yx = _folded(torch.softmax(logits.float().flatten(-2), dim=-1).view_as(logits), cameras)
+    size = cameras.size
+    depth = max(1, CHUNK // (len(logits) * size**2))
+    starts = range(0, size, depth)
+    best = [_highest(zy[:, z : z + depth], zx[:, z : z + depth], yx) for z in starts]
+    values, places = (torch.stack(parts) for parts in zip(*best, strict=True))  # chunk f
+    chunk = values.argmax(dim=0)
+    voxel = places.gather(0, chunk[None])[0] + chunk * depth * size**2
+    xyz = torch.stack([voxel % size, voxel // size % size, voxel // size**2], dim=-1)
+    return (xyz + 0.5) * (2 / size) - 1
+
+
+def at(
+    features: Float[Tensor, "f v c h w"], pixels: Float[Tensor, "f v 2"], size: int
+) -> Float[Tensor, "f v c"]:
+    """Features at image positions given in pixels of an image of `size`, bilinear.
+
+    A cell's value belongs to its centre; beyond the outermost centres nothing changes.
+    """
+    grid = rearrange(pixels, "f v two -> (f v) 1 1 two") * (2 / size) - 1
+    maps = rearrange(features, "f v c h w -> (f v) c h w").float()
+    sampled = functional.grid_sample(maps, grid.float(), padding_mode="border", align_corners=False)
+    return sampled.view(*features.shape[:3]).to(features.dtype)
+
+
+def _folded(
+    maps: Float[Tensor, "f v s s"], cameras: VirtualCameras
+) -> tuple[Tensor, Tensor, Tensor]:
+    """The sums of the views of each plane, (f s s) along the axes z y, z x and y x."""
+    planes = {plane: torch.zeros_like(maps[:, 0]) for plane in ((2, 1), (2, 0), (1, 0))}
+    for view, look in enumerate(cameras.looks):
+        (down, down_sign), (right, right_sign) = look.down, look.right
+        backwards = [dim for dim, sign in ((1, down_sign), (2, right_sign)) if sign < 0]
+        planes[down, right] += maps[:, view].flip(backwards)
+    zy, zx, yx = planes.values()
+    return zy, zx, yx
+
+
+def _highest(
+    zy: Float[Tensor, "f z s"], zx: Float[Tensor, "f z s"], yx: Float[Tensor, "f s s"]
+) -> tuple[Tensor, Tensor]:
+    """The highest score of each frame and its place in z y x order, for some z."""
+    scores = (zy[..., None] + zx[:, :, None]).add_(yx[:, None])
+    value, place = scores.flatten(1).max(dim=1)
+    return value, place
