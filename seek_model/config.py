@@ -29,16 +29,16 @@ class Views(_Config):
     stages: Literal[1, 2] = 2  # 2: a second, zoomed look around the coarse target
     zoom: Size = 4.0  # of the second look: a crop of 1 m / zoom
     points: Positive = 16384  # the most that are kept of one cloud
-    voxel: Annotated[float, Field(ge=0.0)] = 0.005  # m; one point of a voxel is kept; 0 keeps all
+    voxel: Annotated[float, Field(ge=0.0)] = 0.008  # m; one point of a voxel is kept; 0 keeps all
 
 
 class ConvFilm(_Config):
     """A convolutional pyramid that is told the instruction at every level (small presets)."""
 
     kind: Literal["conv_film"] = "conv_film"
-    widths: tuple[Positive, ...] = (32, 64, 96)  # channels at strides 2, 4, 8, …
+    widths: tuple[Positive, ...] = (24, 48, 96)  # channels at strides 2, 4, 8, …
     channels: Positive = 128  # of the features that memory is read into
-    depth: Positive = 4  # layers of attention across the views
+    depth: Positive = 2  # layers of attention across the views
     heads: Positive = 4
 
     @property
@@ -187,9 +187,9 @@ class Train(_Config):
     """How a model is trained; the defaults are those of the small presets."""
 
     tasks: tuple[str, ...] = ()  # empty: all that the data has
-    first: Phase = Phase(steps=20_000, horizon=20_000, warmup=500, batch=8)
+    first: Phase = Phase(steps=10_000, horizon=10_000, warmup=500, batch=16)
     second: Phase = Phase(
-        steps=6_000, horizon=6_000, warmup=250, batch=8, frames=7, rate=4e-4, decay=0.0
+        steps=800, horizon=800, warmup=50, batch=8, frames=7, rate=4e-4, decay=0.0
     )
     archive: Literal["prefix", "literal"] = "prefix"  # models.md A1: c, a
     augment: Augment = Augment()
