@@ -62,7 +62,10 @@ def save(path: Path, tensors: Mapping[str, Tensor], config: Config, provenance: 
     }
     whole = {name: tensor.detach().cpu().contiguous() for name, tensor in tensors.items()}
     with written(path) as part:
+        part.touch()
+        mode = part.stat().st_mode  # the library would let nobody else read it
         save_file(whole, part, metadata)
+        part.chmod(mode)
 
 
 def load(path: Path) -> tuple[Network, Config, Header]:
@@ -75,12 +78,27 @@ def load(path: Path) -> tuple[Network, Config, Header]:
         OSError: the file cannot be read.
     """
     header = read_header(path)
-    try:
-        network = Network(self_contained(header.config.model))
-    except ValueError as error:
-        raise BadCheckpoint(f"config: no such network can be built: {error}") from None
+    model = self_contained(header.config.model)
+    _require_parameters(model, header)
+    network = Network(model)
     fill(network, load_file(path))
     return network.eval(), header.config, header
+
+
+def _require_parameters(model: Model, header: Header) -> None:
+    """Compares shapes before anything is allocated: a short header can ask for any size."""
+    try:
+        with torch.device("meta"):
+            network = Network(model)
+    except (ValueError, RuntimeError) as error:
+        raise BadCheckpoint(f"config: no such network can be built: {error}") from None
+    for name, parameter in network.named_parameters():
+        shape = list(parameter.shape)
+        if name not in header.tensors:
+            raise BadCheckpoint(f"tensor {name!r} is missing: {_kind(parameter)}")
+        if list(header.tensors[name].shape) != shape:
+            found = list(header.tensors[name].shape)
+            raise BadCheckpoint(f"tensor {name!r} is of shape {found}; expected {_kind(parameter)}")
 
 
 def self_contained(model: Model) -> Model:

@@ -78,8 +78,9 @@ def evaluate(
         str,
         Argument(
             metavar="POLICY",
-            help="expert, amnesiac, random, noop; replay:DIR, the actions of another run; or your "
-            "own class, python:module:Class or python:path/to/file.py:Class.",
+            help="expert, amnesiac, random, noop; replay:DIR, the actions of another run; a "
+            "checkpoint, path/to/file.safetensors; or your own class, python:module:Class or "
+            "python:path/to/file.py:Class.",
         ),
     ],
     tasks: Tasks = "",
@@ -101,7 +102,10 @@ def evaluate(
         bool, Option("--recordings/--no-recordings", help="Record each episode for the viewer.")
     ] = True,
     policy_timeout: Annotated[
-        float, Option(min=0.001, metavar="SECONDS", help="For one answer of your own class.")
+        float,
+        Option(
+            min=0.001, metavar="SECONDS", help="For one answer of your own class or checkpoint."
+        ),
     ] = 60.0,
 ) -> None:
     """Evaluate a policy without a server; with --out, an interrupted run resumes."""
@@ -134,6 +138,60 @@ def certify(tasks: Tasks = "", workers: Workers = None, as_json: AsJson = False)
     certificates = recertify(names, workers)
     entries = tables.catalogue(names)
     show({"certificates": certificates} if as_json else tables.catalogue_table(entries))
+
+
+@app.command()
+def demos(
+    out: Annotated[
+        Path, Option(help="The folder of demonstrations; what is recorded there already stays.")
+    ],
+    tasks: Tasks = "",
+    split: Annotated[SplitName, Option(help="Which episodes.")] = SplitName.train,
+    episodes: Annotated[
+        int | None, Option(help="Per task, the first so many of the split; default: all.")
+    ] = None,
+    workers: Workers = None,
+) -> None:
+    """Record the expert for training: images, keyframes, stages, hidden state; resumes."""
+    from server.run import demonstrate
+
+    names, count = chosen_tasks(tasks), episode_count(episodes, split.value)
+    if demonstrate(names, out, split=split.value, episodes=count, workers=workers):
+        raise typer.Exit(1)
+
+
+@app.command()
+def train(
+    recipe: Annotated[
+        str,
+        Argument(
+            metavar="CONFIG",
+            help="A preset, such as seek-small, or a TOML file that changes one.",
+        ),
+    ],
+    data: Annotated[
+        Path,
+        Option(help="A folder of hide demos; its keyframe store is made inside it, once."),
+    ] = Path("demos"),
+    out: Annotated[Path | None, Option(help="The training's folder. Default: runs/train-…")] = None,
+    resume: Annotated[
+        bool,
+        Option("--resume/--no-resume", help="Go on with the training in the folder, if any."),
+    ] = True,
+    steps_scale: Annotated[
+        float, Option(min=0.0001, help="Times the steps, horizon and warm-up of both phases.")
+    ] = 1.0,
+) -> None:
+    """Train a policy on recorded demonstrations; an interrupted training goes on."""
+    from server.training import TrainingFailed
+    from server.training import train as run
+
+    try:
+        checkpoint = run(recipe, data, out, resume=resume, steps_scale=steps_scale)
+    except TrainingFailed as error:
+        _fail(str(error), 1)
+    else:
+        typer.echo(checkpoint)
 
 
 @app.command()

@@ -1,14 +1,17 @@
-"""Runs an evaluation or a certification for somebody who watches standard error."""
+"""Runs an evaluation, a certification or the expert for somebody who watches standard error."""
 
 import multiprocessing
 import signal
 from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import Future, ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
+from time import monotonic
 from typing import Any
 
+from hide_tasks.contract import Split
 from server.arguments import BadUsage
-from server.progress import reporting
+from server.progress import EVERY, Reporter, reporting
 from workers.engines.processes import limit_threads, prepare_process
 from workers.evaluation import Evaluation, count_cpus, evaluate, missing
 from workers.policies import BadPolicy
@@ -54,6 +57,75 @@ def recertify(tasks: Sequence[str], workers: int | None = None) -> list[dict[str
             certificates.append(certify(task, executor))
             reporter.say(f"{task}: {certificates[-1]['verdict']}. {certificates[-1]['reason']}")
     return certificates
+
+
+def demonstrate(
+    tasks: Sequence[str],
+    folder: Path,
+    *,
+    split: Split = "train",
+    episodes: int | None = None,
+    workers: int | None = None,
+) -> int:
+    """Records the expert's episodes that the folder lacks; how many could not be recorded.
+
+    Raises:
+        BadUsage: the folder cannot be used.
+        KeyboardInterrupt: it was stopped; what is recorded stays.
+    """
+    from hide_tasks.demos import DemosError, Folder
+    from hide_tasks.suite import episodes as episodes_of
+
+    try:
+        demos = Folder.prepare(folder, tasks, split)
+    except DemosError as error:
+        raise BadUsage(str(error)) from None
+    wanted = [spec for task in tasks for spec in episodes_of(task, split, episodes)]
+    left = demos.left(wanted)
+    limit_threads()
+    executor = ProcessPoolExecutor(
+        workers or count_cpus(), multiprocessing.get_context("spawn"), _prepare
+    )
+    with reporting() as reporter, executor:
+        to_record = f"{len(left)} demonstration{'s' * (len(left) != 1)} to record"
+        reporter.say(f"{folder}: {to_record}, {len(wanted) - len(left)} there")
+        try:
+            return _count_failures([executor.submit(demos.add, spec) for spec in left], reporter)
+        except BaseException as error:
+            executor.shutdown(cancel_futures=True)
+            if isinstance(error, KeyboardInterrupt):
+                reporter.say(f"Stopped. The same command with --out {folder} resumes.")
+            raise
+
+
+def _count_failures(recorded: Sequence[Future[int]], reporter: Reporter) -> int:
+    """Waits for recordings and tells of them; how many are missing at the end."""
+    from hide_tasks.demos import DemosError
+
+    began = told = monotonic()
+    failures = size = 0
+    for done, future in enumerate(as_completed(recorded), start=1):
+        try:
+            size += future.result()
+        except DemosError as error:
+            failures += 1
+            reporter.say(str(error))
+        except BrokenProcessPool:
+            left = len(recorded) - done + 1
+            reporter.say(f"A recording process died. The same command records the {left} left.")
+            return failures + left
+        if done == len(recorded) or monotonic() - told > EVERY:
+            told = monotonic()
+            reporter.say(_pace(done, len(recorded), told - began, size))
+    return failures
+
+
+def _pace(done: int, total: int, seconds: float, size: int) -> str:
+    left = (total - done) * seconds / done / 60
+    return (
+        f"{done} of {total} demonstrations, {60 * done / seconds:.1f}/min, "
+        f"{left:.0f} min left, {size / 1e6:.1f} MB"
+    )
 
 
 def _prepare() -> None:

@@ -16,7 +16,7 @@ from torch import Tensor, nn
 from seek_model import checkpoint
 from seek_model.checkpoint import load, weights
 from seek_model.checkpoint_header import BadCheckpoint, Provenance, read_header
-from seek_model.config import Config
+from seek_model.config import Config, ConvFilm
 from seek_model.network import Network
 from tests.seek_model.trainings import tiny
 
@@ -229,7 +229,7 @@ def infinite(tensors: dict[str, Tensor]) -> None:
     [
         (without, "'coarse.stop.net.3.bias' is missing: float32 of shape [1]"),
         (with_another, "'stranger' is unexpected"),
-        (of_other_shape, "is float32 of shape [2]; expected float32 of shape [1]"),
+        (of_other_shape, "is of shape [2]; expected float32 of shape [1]"),
         (of_other_kind, "is float64 of shape [1]; expected float32 of shape [1]"),
         (not_a_number, "1 of 1 values are NaN or infinite"),
         (infinite, "1 of 1 values are NaN or infinite"),
@@ -286,3 +286,17 @@ def test_files_that_pretrained_parts_came_from_are_not_needed() -> None:
     )
 
     assert checkpoint.self_contained(named) == model
+
+
+def test_a_short_file_that_asks_for_a_huge_network_is_refused_before_it_is_built(
+    tmp_path: Path, config: Config
+) -> None:
+    wide = ConvFilm(widths=(8, 16), channels=2**20, depth=2, heads=4)  # some 100 TB
+    huge = config.model_copy(
+        update={"model": config.model.model_copy(update={"backbone": wide, "memory": None})}
+    )
+    path = tmp_path / "huge.safetensors"
+    checkpoint.save(path, {"coarse.some": torch.zeros(1)}, huge, PROVENANCE)
+
+    with pytest.raises(BadCheckpoint, match="is missing"):
+        checkpoint.load(path)

@@ -9,7 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from hide_tasks import ALL_TASKS
+from hide_tasks import ALL_TASKS, suite
+from hide_tasks.demos import Folder
 from server import cli
 from tests.workers.test_run_folder import contents, play
 
@@ -99,6 +100,9 @@ def test_help(capfd, arguments: list[str]) -> None:
         ("eval python:nowhere:Mine", "python:nowhere:Mine cannot be loaded: ModuleNotFoundError"),
         ("eval python:json:Mine", "cannot be loaded: AttributeError: json has no class Mine"),
         ("certify --tasks fly", "No task 'fly'."),
+        ("demos", "Missing option '--out'"),
+        ("demos --out d --tasks fly", "No task 'fly'."),
+        ("demos --out d --episodes 101", "--episodes 101: train has 100 a task; give 1 to 100"),
     ],
 )
 def test_a_mistake_is_one_clear_line(
@@ -149,6 +153,35 @@ def test_a_folder_that_cannot_be_written(capfd, tmp_path: Path) -> None:
 
     assert status == 2
     assert "cannot be written" in errors
+
+
+def test_demonstrations_are_recorded_once(capfd, tmp_path: Path) -> None:
+    task, first = "push_button_times", suite.episode("push_button_times", "val", 0)
+    Folder.prepare(tmp_path, [task], "val").add(first)
+    before = contents(tmp_path)
+    asked = ("--tasks", task, "--split", "val", "--episodes", 2, "--workers", 1)
+
+    status, output, errors = hide(capfd, "demos", "--out", tmp_path, *asked)
+
+    after = contents(tmp_path)
+    assert (status, output) == (0, "")
+    assert "1 demonstration to record, 1 there" in errors
+    assert "1 of 1 demonstrations" in errors
+    assert before.items() <= after.items()
+    assert set(after) - set(before) == {f"{task}/val-001.npz"}
+
+
+def test_demonstrations_by_other_sources_are_left_alone(capfd, tmp_path: Path) -> None:
+    asked = ("demos", "--out", tmp_path, "--tasks", "push_button_times")
+    document = {"format": 1, "suite": "hide", "version": 1, "splits": ["train"]}
+    index = json.dumps(document | {"sources": {"push_button_times": "0" * 64}})
+    (tmp_path / "demos.json").write_text(index)
+
+    status, output, errors = hide(capfd, *asked)
+
+    assert (status, output) == (2, "")
+    assert "holds demonstrations of push_button_times by another version of the sources" in errors
+    assert contents(tmp_path) == {"demos.json": index.encode()}
 
 
 def test_the_doctor_finds_this_machine_fit(capfd) -> None:
