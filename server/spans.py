@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from itertools import groupby
 from typing import Any
 
-from hide_tasks.contract import DecisionRecord, Start
+from hide_tasks.contract import Belief, DecisionRecord, Start
 from workers.protocol import HiddenChange
 
 Lane = tuple[str, str]  # kind, name
@@ -38,27 +38,39 @@ def derive(
     start: Start, decisions: Iterable[DecisionRecord], changes: Iterable[HiddenChange]
 ) -> list[Span]:
     """The spans of an episode, lane by lane, in order of time."""
-    sights = [_Sight(0.0, 0, _values(start.hidden, start.stage, start.belief))]
+    decisions = list(decisions)
+    times = [0.0, *(one.time for one in decisions)]
+    sights = [_Sight(0.0, 0, _values(start.hidden, start.stage) | _believed(start.belief))]
+    sights += [
+        _Sight(chosen, one.decision, _believed(one.belief))
+        for chosen, one in zip(times, decisions, strict=False)
+    ]
     sights += [
         _Sight(change.time, change.decision, _values(change.hidden, change.stage))
         for change in changes
     ]
     sights += [
-        _Sight(one.time, one.decision + 1, _values(one.hidden, one.stage, one.belief))
-        for one in decisions
+        _Sight(one.time, one.decision + 1, _values(one.hidden, one.stage)) for one in decisions
     ]
     sights.sort(key=lambda sight: sight.time)  # stable: a decision's row closes its moment
     lanes = dict.fromkeys(lane for sight in sights for lane in sight.values)
     return [span for lane in lanes for span in _spans(lane, sights)]
 
 
-def _values(hidden: Mapping[str, Any], stage: str, belief: Any = None) -> dict[Lane, Any]:
+def _values(hidden: Mapping[str, Any], stage: str) -> dict[Lane, Any]:
     values: dict[Lane, Any] = {("hidden", name): value for name, value in hidden.items()}
     values["stage", "stage"] = stage
-    if belief is not None:
-        believed = belief.model_dump(exclude_none=True)
-        values |= {("belief", name): value for name, value in believed.items()}
     return values
+
+
+def _believed(belief: Belief | None) -> dict[Lane, Any]:
+    """What a decision was chosen by; of the attention, what each view looks at most."""
+    if belief is None:
+        return {}
+    said = belief.model_dump(mode="json", exclude_none=True, exclude={"attention"})
+    for one in sorted(belief.attention, key=lambda one: one.weight):
+        said[f"{one.view} looks at"] = one.slot
+    return {("belief", name): value for name, value in said.items()}
 
 
 def _spans(lane: Lane, sights: list[_Sight]) -> Iterator[Span]:

@@ -134,9 +134,15 @@ def _lanes(spans: Iterable[SpanPublic]) -> list[Lane]:
     found: dict[tuple[str, str], list[Span]] = {}
     for kind in ("hidden", "belief", "stage"):
         for span in (span for span in spans if span.kind == kind):
-            shown = Span(wording.value(span.value), span.time_from, span.time_to)
+            shown = Span(_said(span), span.time_from, span.time_to)
             found.setdefault((kind, span.name), []).append(shown)
     return [Lane(kind, name, lane) for (kind, name), lane in found.items()]
+
+
+def _said(span: SpanPublic) -> str:
+    """Its value; a policy's own measurement changes with every decision, and is rounded."""
+    measured = span.kind == "belief" and isinstance(span.value, float)
+    return f"{span.value:.2f}" if measured else wording.value(span.value)
 
 
 def _checks(

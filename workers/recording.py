@@ -27,7 +27,6 @@ from PIL import Image
 from rerun.chunk import RrdReader
 
 from hide_tasks.contract import (
-    Belief,
     CameraView,
     DecisionRecord,
     EpisodeResult,
@@ -40,7 +39,6 @@ from hide_tasks.contract import (
 from hide_tasks.poses import matrix
 from workers.recording_layout import (
     APPLICATION,
-    BELIEF,
     HIDDEN,
     LOG,
     SIGNALS,
@@ -55,6 +53,7 @@ from workers.recording_layout import (
     Rows,
     camera_path,
 )
+from workers.recording_memory import MemoryTrack
 
 if TYPE_CHECKING:  # whoever reads a recording needs no simulator
     from hide_tasks.bullet.meshes import Mesh
@@ -82,6 +81,7 @@ class Recorder:
         self._policy = policy
         self._rows = Rows()
         self._lanes = Lanes(self._rows)
+        self._memory = MemoryTrack(self._rows, self._lanes)
         self._stream: rr.RecordingStream | None = None
         self._decision, self._chosen_at, self._now = 0, 0.0, 0.0
         self._pictured_at = -PICTURE_EVERY
@@ -109,7 +109,7 @@ class Recorder:
         played = spec.name + f" · {self._policy}" * bool(self._policy)
         self._summary = f"### {instruction}\n\n{played}"
         self._summarise(Moment(0.0, 0), self._summary)
-        self._know(Moment(0.0, 0), start)
+        self._know(Moment(0.0, 0), start, Moment(0.0, 0))
         self._send()
 
     def frame(self, time: float, poses: Array) -> None:
@@ -132,7 +132,7 @@ class Recorder:
             self._rows.place(TARGET, before, matrix(record.action.pose))
         elif before.time - self._pictured_at >= PICTURE_EVERY:
             self._observe(before, observation)
-        self._know(after, record)
+        self._know(after, record, before)
         self._tell(after, record)
         self._chosen_at, self._decision = after
         if monotonic() - self._sent_at > SEND_EVERY:
@@ -174,6 +174,7 @@ class Recorder:
     def _send(self) -> None:
         assert self._stream is not None, "begin comes first"
         self._lanes.explain(self._stream)
+        self._memory.explain(self._stream)
         self._stream.flush()  # lenses and colours go before the columns that need them
         self._rows.send(self._stream)
         self._stream.flush()
@@ -217,21 +218,13 @@ class Recorder:
         self._rows.add(f"{camera}/rgb", rr.EncodedImage, moment, **rgb)
         self._rows.add(f"{camera}/depth", rr.EncodedDepthImage, moment, **depth)
 
-    def _know(self, moment: Moment, record: DecisionRecord | Start) -> None:
+    def _know(self, moment: Moment, record: DecisionRecord | Start, chosen: Moment) -> None:
         self._lanes.set_one(STAGE, moment, record.stage)
         self._lanes.set(HIDDEN, moment, record.hidden)
         self._lanes.set_one(SUCCESS, moment, record.success)
         self._lanes.set(SUCCESS, moment, record.checks)
         if record.belief:
-            self._believe(moment, record.belief)
-
-    def _believe(self, moment: Moment, belief: Belief) -> None:
-        believed = belief.model_dump(exclude_none=True)
-        similarity = believed.pop("anchor_similarity", None)
-        self._lanes.set(BELIEF, moment, believed)
-        if similarity is not None:
-            entity = f"{SIGNALS}/anchor_similarity"
-            self._rows.add(entity, rr.Scalars, moment, scalars=similarity)
+            self._memory.tell(record.belief, chosen)
 
     def _tell(self, moment: Moment, record: DecisionRecord) -> None:
         for event in record.events:

@@ -30,6 +30,7 @@ BELIEF = "/memory"  # what the policy says of its memory
 STAGE = "/stage"
 SUCCESS = "/success"  # the checks held at some step; one lane a check below it
 SIGNALS = "/signals"  # numbers over time
+ATTENTION = "/attention"  # a table of what the policy looks back at; below it view/slot over time
 SUMMARY = "/summary"  # instruction and verdict
 LOG = "/log"
 
@@ -88,7 +89,20 @@ def _summary() -> rrb.TextDocumentView:
 
 
 def _seen() -> rrb.Tabs:
-    return rrb.Tabs(_pictures("rgb", "Cameras"), _pictures("depth", "Depth"), active_tab=0)
+    pictures = (_pictures("rgb", "Cameras"), _pictures("depth", "Depth"))
+    return rrb.Tabs(*pictures, _memory(), active_tab=0)
+
+
+def _memory() -> rrb.Vertical:
+    """What the policy looks back at: now, as a table, and over time."""
+    now = rrb.TextDocumentView(origin=ATTENTION, name="Looks back at")
+    series = rrb.TimeSeriesView(
+        origin=ATTENTION,
+        name="Attention",
+        plot_legend=rrb.PlotLegend(visible=False),  # it would cover the plot; pointing tells, too
+        defaults=[_steps()],
+    )
+    return rrb.Vertical(now, series, row_shares=[2, 1], name="Memory")
 
 
 def _pictures(kind: str, title: str) -> rrb.Grid:
@@ -109,9 +123,12 @@ def _states() -> rrb.StateTimelineView:
 def _log() -> rrb.Tabs:
     columns = rrb.TextLogColumns(text_log_columns=["loglevel", "body"])
     log = rrb.TextLogView(origin=LOG, name="Log", columns=columns)
-    steps = rr.SeriesLines(interpolation_mode=rr.components.InterpolationMode.StepAfter)
-    signals = rrb.TimeSeriesView(origin=SIGNALS, name="Signals", defaults=[steps])
+    signals = rrb.TimeSeriesView(origin=SIGNALS, name="Signals", defaults=[_steps()])
     return rrb.Tabs(log, signals, active_tab=0)
+
+
+def _steps() -> rr.SeriesLines:
+    return rr.SeriesLines(interpolation_mode=rr.components.InterpolationMode.StepAfter)
 
 
 class Moment(NamedTuple):

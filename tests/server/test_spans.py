@@ -5,7 +5,15 @@ from itertools import groupby, pairwise
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hide_tasks.contract import Belief, DecisionRecord, HiddenState, MotionOutcome, Start, Stop
+from hide_tasks.contract import (
+    Attention,
+    Belief,
+    DecisionRecord,
+    HiddenState,
+    MotionOutcome,
+    Start,
+    Stop,
+)
 from server.spans import Span, derive
 from workers.protocol import HiddenChange
 
@@ -93,8 +101,34 @@ def test_beliefs_begin_when_they_are_first_said() -> None:
 
     spans = derive(start({}), decisions, [])
 
-    assert told(lane(spans, "belief", "stage_count")) == [(1, 2.0, 3.0), (2, 3.0, 3.0)]
+    assert told(lane(spans, "belief", "stage_count")) == [(1, 1.0, 2.0), (2, 2.0, 3.0)]
     assert lane(spans, "belief", "anchor_index") == []
+
+
+def test_a_belief_stands_at_the_decision_that_was_chosen_by_it() -> None:
+    looks = (
+        Attention(view="front", slot="window 1", weight=0.25),
+        Attention(view="front", slot="anchor", weight=0.75),
+        Attention(view="top", slot="stage", weight=1.0),
+    )
+    belief = Belief(stage_count=1, boundary=0.5, window=(0,), anchor_index=0, attention=looks)
+    decisions = [
+        decision(0, 1.0, {}),
+        decision(1, 2.0, {}).model_copy(update={"belief": belief}),
+        decision(2, 3.0, {}),
+    ]
+
+    spans = derive(start({}), decisions, [])
+
+    seen = {span.name: (span.value, span.time_from) for span in spans if span.kind == "belief"}
+    assert seen == {
+        "stage_count": (1, 1.0),
+        "boundary": (0.5, 1.0),
+        "window": ([0], 1.0),
+        "anchor_index": (0, 1.0),
+        "front looks at": ("anchor", 1.0),
+        "top looks at": ("stage", 1.0),
+    }
 
 
 VALUES = st.none() | st.booleans() | st.sampled_from(["top", "bottom"]) | st.lists(st.text("ab"))

@@ -403,6 +403,8 @@ VIEWS = {
     "Episode",
     *(name.replace("_", " ") for name in CAMERAS),
     "Hidden state, stage, checks",
+    "Looks back at",
+    "Attention",
     "Log",
     "Signals",
 }
