@@ -1,4 +1,7 @@
-"""Files kept under their SHA-256: recordings and thumbnails. Written whole or not at all."""
+"""Files kept under their SHA-256: recordings, thumbnails, checkpoints. Written whole or not at all.
+
+None is ever removed: what the ledger refers to stays.
+"""
 
 import hashlib
 import os
@@ -11,6 +14,7 @@ from server.models import Blob
 
 RRD = "application/vnd.rerun.rrd"
 JPEG = "image/jpeg"
+CHECKPOINT = "application/vnd.safetensors"
 PART = ".part"
 SHA256 = re.compile("[0-9a-f]{64}")
 
@@ -44,12 +48,16 @@ class Blobs:
         for file in self.folder.glob(f".*{PART}"):
             file.unlink()
 
+    def new_part(self) -> Path:
+        """A path in this folder for a file that is still coming in."""
+        self.folder.mkdir(parents=True, exist_ok=True)
+        return self.folder / f".{os.urandom(16).hex()}{PART}"
+
     def put(self, content: bytes) -> str:
         """Keeps some bytes; their SHA-256."""
         sha256 = hashlib.sha256(content).hexdigest()
         if not self.path(sha256).exists():
-            part = self.folder / f".{sha256}.{os.urandom(4).hex()}{PART}"
-            part.parent.mkdir(parents=True, exist_ok=True)
+            part = self.new_part()
             part.write_bytes(content)
             self.take(part, sha256)
         return sha256

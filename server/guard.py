@@ -14,8 +14,8 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from server.problems import Problem, response
 
 SAFE = ("GET", "HEAD", "OPTIONS")
-MOST = 32 * 2**20  # bytes of a body; recordings are streamed and have a limit of their own
-STREAMED = "/recording"
+MOST = 32 * 2**20  # bytes of a body; what is streamed has limits of its own
+STREAMED = ("/recording", "/policies/checkpoints")
 
 
 class Guard:

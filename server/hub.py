@@ -1,5 +1,6 @@
 """What the parts of a running server share: its ledger, its files, its engine."""
 
+import asyncio
 import shutil
 from dataclasses import dataclass, field
 from functools import partial
@@ -48,6 +49,7 @@ class Hub:
     def __post_init__(self) -> None:
         self.blobs = Blobs(self.folder.blobs)
         self.recordings = GrowingRecordings(self.folder.growing)
+        self.loading = asyncio.Lock()  # of a checkpoint: one takes much memory
 
     @property
     def address(self) -> str:
@@ -86,6 +88,7 @@ class Hub:
             slots=count,
             draft=partial(
                 jobs.draft,
+                store=self.blobs,
                 server=self.address,
                 episode_limit=self.settings.episode_limit,
                 allow_python=self.settings.allow_python,

@@ -3,14 +3,27 @@
 from collections.abc import Sequence
 from typing import Any
 
+from pydantic import TypeAdapter
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from server import lifecycle
+from server.blobs import Blobs
 from server.episodes import budget
 from server.models import Decision, Episode, Shard
+from workers.policies import NO_TORCH, has_torch
 from workers.policy_process import LOAD_LIMIT
-from workers.protocol import AssignedEpisode, PythonPolicy, ReplayPolicy, ShardJob
+from workers.protocol import (
+    AssignedEpisode,
+    CheckpointPolicy,
+    HostedPolicy,
+    PolicySpec,
+    PythonPolicy,
+    ReplayPolicy,
+    ShardJob,
+)
+
+_SPEC: TypeAdapter[PolicySpec] = TypeAdapter(PolicySpec)
 
 
 class CannotPlay(ValueError):
@@ -18,35 +31,46 @@ class CannotPlay(ValueError):
 
 
 def draft(
-    session: Session, shard: Shard, *, server: str, episode_limit: float, allow_python: bool
+    session: Session,
+    shard: Shard,
+    *,
+    store: Blobs,
+    server: str,
+    episode_limit: float,
+    allow_python: bool,
 ) -> ShardJob:
     """The job of a shard whose attempt and token are not known yet.
 
     Args:
+        store: holds checkpoints.
         server: address under which workers reach this server.
         episode_limit: seconds of wall time for one episode, the policy's own answers apart.
 
     Raises:
-        CannotPlay: its policy is a class of this machine that is not allowed, or has changed.
+        CannotPlay: its policy is a class of this machine that is not allowed, or has changed; or
+            a checkpoint, and it or torch is not here.
         ValueError: what the ledger holds makes no job.
     """
     evaluation = shard.evaluation
     version = evaluation.policy_version
-    if version.spec["kind"] == "python":
-        _require_playable(PythonPolicy.model_validate(version.spec), allow_python)
+    policy = _SPEC.validate_python(version.spec)
+    if isinstance(policy, PythonPolicy):
+        _require_playable(policy, allow_python)
+    if isinstance(policy, CheckpointPolicy):
+        _require_loadable(policy, store)
     episodes = lifecycle.open_episodes(shard)
     return ShardJob.model_validate(
         {
             "attempt": "",
             "token": "",
             "server": server,
-            "policy": version.spec,
+            "policy": policy,
             "policy_name": f"{version.policy.name}@{version.number}",
             "rules": evaluation.rules,
             "recordings": evaluation.recordings,
             "sources": evaluation.sources.get(shard.task),
-            "episode_limit": _limit(version.spec, episodes, episode_limit),
-            "episodes": [_assigned(session, version.spec, one) for one in episodes],
+            "episode_limit": _limit(policy, episodes, episode_limit),
+            "episodes": [_assigned(session, policy, one) for one in episodes],
         }
     )
 
@@ -58,22 +82,30 @@ def _require_playable(policy: PythonPolicy, allowed: bool) -> None:
         raise CannotPlay(f"{policy.target} is not what was registered; register it again")
 
 
-def _assigned(session: Session, spec: dict[str, Any], episode: Episode) -> AssignedEpisode:
-    actions = replayed(session, spec, episode) if spec["kind"] == "replay" else None
+def _require_loadable(policy: CheckpointPolicy, store: Blobs) -> None:
+    if not has_torch():
+        raise CannotPlay(f"{NO_TORCH}; resume then")
+    if not store.holds(policy.sha256):
+        raise CannotPlay(f"the checkpoint {policy.sha256[:12]} is gone; upload it again")
+
+
+def _assigned(session: Session, policy: PolicySpec, episode: Episode) -> AssignedEpisode:
+    actions = None
+    if isinstance(policy, ReplayPolicy):
+        actions = replayed(session, policy.evaluation, episode)
     return AssignedEpisode(id=episode.id, spec=lifecycle.spec_of(episode), actions=actions)
 
 
-def _limit(spec: dict[str, Any], episodes: Sequence[Episode], limit: float) -> float:
+def _limit(policy: PolicySpec, episodes: Sequence[Episode], limit: float) -> float:
     """Seconds after which an episode hangs; a slow policy is not to blame for that."""
-    if spec["kind"] != "python":
+    if not isinstance(policy, HostedPolicy):
         return limit
     answers = max(budget(episode) for episode in episodes) + 1  # and the reset
-    return limit + LOAD_LIMIT + answers * PythonPolicy.model_validate(spec).timeout
+    return limit + LOAD_LIMIT + answers * policy.timeout
 
 
-def replayed(session: Session, spec: dict[str, Any], episode: Episode) -> tuple[Any, ...]:
+def replayed(session: Session, source: str, episode: Episode) -> tuple[Any, ...]:
     """The actions that were recorded of the same episode in the evaluation that is replayed."""
-    source = ReplayPolicy.model_validate(spec).evaluation
     return tuple(
         session.scalars(
             select(Decision.action)

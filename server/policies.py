@@ -7,9 +7,9 @@ from sqlalchemy.orm import Session
 
 from server.models import Evaluation, Policy, PolicyVersion, new_id
 from server.problems import Problem, invalid
-from server.schemas import PolicyCreate, PolicyVersionPublic
+from server.schemas import PolicyVersionPublic
 from workers.policies import BUILTIN
-from workers.protocol import BuiltInPolicy, ReplayPolicy
+from workers.protocol import BuiltInPolicy, PolicySpec, ReplayPolicy
 
 ABOUT = {
     "expert": "Follows the task's script with the hidden state in hand.",
@@ -25,23 +25,39 @@ def register_builtin(session: Session) -> None:
     for name in BUILTIN:
         if name not in there:
             spec = BuiltInPolicy(name=name)
-            register(session, PolicyCreate(name=name, description=ABOUT[name], spec=spec), True)
+            register(session, name, spec, description=ABOUT[name], reference=True)
 
 
-def register(session: Session, wanted: PolicyCreate, reference: bool = False) -> PolicyVersion:
+def require_free(name: str) -> None:
+    """Does nothing if clients may register a policy of this name.
+
+    Raises:
+        Problem: 422, it is a built-in policy's.
+    """
+    if name in BUILTIN:
+        raise invalid("name", f"'{name}' is a built-in policy; choose another name")
+
+
+def register(
+    session: Session,
+    name: str,
+    spec: PolicySpec,
+    *,
+    description: str = "",
+    reference: bool = False,
+) -> PolicyVersion:
     """A policy's next version.
 
     Raises:
         Problem: the name is a built-in policy's, or the replay's evaluation does not exist.
     """
-    if not reference and wanted.name in BUILTIN:
-        raise invalid("name", f"'{wanted.name}' is a built-in policy; choose another name")
-    spec = wanted.spec
+    if not reference:
+        require_free(name)
     if isinstance(spec, ReplayPolicy) and session.get(Evaluation, spec.evaluation) is None:
         raise invalid("spec.evaluation", f"no evaluation '{spec.evaluation}'")
-    policy = session.scalar(select(Policy).where(Policy.name == wanted.name))
+    policy = session.scalar(select(Policy).where(Policy.name == name))
     if policy is None:
-        policy = Policy(id=new_id("po"), name=wanted.name)
+        policy = Policy(id=new_id("po"), name=name)
         session.add(policy)
         session.flush()
     newest = func.coalesce(func.max(PolicyVersion.number), 0)
@@ -50,7 +66,7 @@ def register(session: Session, wanted: PolicyCreate, reference: bool = False) ->
         id=new_id("pv"),
         policy=policy,
         number=count + 1,
-        description=wanted.description,
+        description=description,
         spec=spec.model_dump(mode="json"),
         reference=reference,
     )

@@ -22,11 +22,12 @@ from hide_tasks.contract import (
 )
 from hide_tasks.statistics import Rate
 from server.states import AttemptState, Desired, EpisodeState, EvaluationState
-from workers.protocol import PolicySpec
+from workers.protocol import NamedPolicy, PolicySpec
 
 Item = TypeVar("Item")
 Verdict = Literal["success", "exact"]
-NAME = r"^[A-Za-z0-9][A-Za-z0-9 _.:+-]{0,79}$"
+PolicyName = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9 _.:+-]{0,79}$")]
+Description = Annotated[str, Field(max_length=2000)]
 
 
 class _Given(BaseModel):
@@ -73,9 +74,9 @@ class Verdicts(BaseModel):
 class PolicyCreate(_Given):
     """A policy to be registered; the same name again makes its next version."""
 
-    name: Annotated[str, Field(pattern=NAME)]
-    description: Annotated[str, Field(max_length=2000)] = ""
-    spec: PolicySpec
+    name: PolicyName
+    description: Description = ""
+    spec: NamedPolicy  # a checkpoint is uploaded
 
 
 class PolicyVersionPublic(BaseModel):

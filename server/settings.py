@@ -26,5 +26,6 @@ class Settings(BaseSettings):
     workers: Annotated[int, Field(ge=0, le=256)] = Field(default_factory=count_cpus)
     allow_python: bool = False  # may a client name a Python class of this machine as a policy?
     references: bool = True  # evaluate the built-in policies on first start?
+    checkpoint_limit: Annotated[int, Field(gt=0)] = 4 * 2**30  # bytes of an uploaded one
     # s of wall time for an episode; what a Python policy may take comes on top
     episode_limit: Annotated[float, Field(gt=0)] = 600.0

@@ -10,12 +10,13 @@ from sqlalchemy.orm import Session
 
 from hide_tasks.contract import Category, Failure
 from server import episodes, evaluations, policies, tasks
-from server.deps import Reading
+from server.deps import Reading, TheHub
 from server.paging import MOST
 from server.schemas import AttemptPublic, EpisodePublic, FailureGroup, RatePublic, Verdicts
 from server.states import ENDED, AttemptState, EvaluationState
 from web.filters import EMPTY_IS_NONE, Filters
 from web.templating import page
+from workers.policies import BUILTIN
 
 router = APIRouter(include_in_schema=False)
 
@@ -47,13 +48,26 @@ def list_evaluations(
 
 
 @router.get("/evaluations/new")
-def show_form(request: Request, session: Reading, policy: str | None = None) -> HTMLResponse:
-    """The form that starts an evaluation."""
+def show_form(
+    request: Request,
+    session: Reading,
+    hub: TheHub,
+    policy: str | None = None,
+    upload: bool = False,
+) -> HTMLResponse:
+    """The form that starts an evaluation, and the one that uploads what is to be evaluated."""
+    versions = policies.versions(session)
+    named = (
+        one.id for one in versions if policy in (one.id, one.policy, f"{one.policy}@{one.version}")
+    )
     shown = {
-        "versions": policies.versions(session),
+        "upload": upload,
+        "limit": hub.settings.checkpoint_limit,
+        "reserved": BUILTIN,
+        "versions": versions,
         "tasks": tasks.catalogue(),
         "categories": list(Category),
-        "chosen": policy,
+        "chosen": next(named, None),  # of a name: its newest version
     }
     return page(request, "evaluation_new.html", shown)
 

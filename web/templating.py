@@ -89,6 +89,7 @@ ENVIRONMENT.filters.update(
     moment=wording.moment,
     seconds=wording.seconds,
     duration=wording.duration,
+    size=wording.size,
     action=wording.action,
     breakable=breakable,
 )

@@ -106,6 +106,14 @@ def action(taken: Action) -> str:
     return ", ".join(said + ["then stop"] * taken.stop)
 
 
+def size(count: int) -> str:
+    """A number of bytes, e.g. '48 MB'."""
+    for unit, bytes_of in (("GB", 1e9), ("MB", 1e6), ("kB", 1e3)):
+        if count >= bytes_of:
+            return f"{count / bytes_of:.3g}{THIN}{unit}"
+    return f"{count}{THIN}bytes"
+
+
 def verdict(success: bool | None, exact: bool | None) -> str:
     """Both verdicts of a final episode in a word or two."""
     if exact:

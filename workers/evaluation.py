@@ -104,7 +104,8 @@ def evaluate(
     workers = workers or count_cpus()
     watcher = watcher or Watcher()
     jobs = _jobs(evaluation, path, workers)
-    with RunFolder.opened(path, evaluation.results) as folder:
+    wanted = evaluation.results.model_copy(update={"checkpoint": _checkpoint(jobs)})
+    with RunFolder.opened(path, wanted) as folder:
         left = [job for job in jobs if _key(job.spec) not in folder.results.finished]
         watcher.begun(folder, len(left))
         if evaluation.recordings:
@@ -152,6 +153,12 @@ def _jobs(evaluation: Evaluation, path: Path, workers: int) -> list[EpisodeJob]:
     if isinstance(policy, policies.Hosted):
         policy.check()
     return jobs
+
+
+def _checkpoint(jobs: Sequence[EpisodeJob]) -> str | None:
+    """SHA-256 of the file that all of them play, if they do."""
+    hashes = {job.policy.sha256 for job in jobs if isinstance(job.policy, policies.Checkpoint)}
+    return next(iter(hashes), None)
 
 
 def _play(jobs: Sequence[EpisodeJob], folder: RunFolder, workers: int, watcher: Watcher) -> None:

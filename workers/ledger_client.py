@@ -135,7 +135,7 @@ class LedgerClient:
     def __init__(self, server: str, attempt: str, token: str, *, retry_for: float = RETRY_FOR):
         self.retry_for = retry_for
         self._http = httpx.Client(
-            base_url=f"{server.rstrip('/')}{INTERNAL}/attempts/{attempt}/episodes/",
+            base_url=f"{server.rstrip('/')}{INTERNAL}/attempts/{attempt}/",
             headers={"Authorization": f"Bearer {token}"},
             timeout=LIMITS,
             trust_env=False,  # workers and server are one system; no proxy stands between them
@@ -144,7 +144,7 @@ class LedgerClient:
 
     def start(self, episode: str) -> None:
         """The episode begins."""
-        self._tell("POST", f"{episode}/start")
+        self._tell("POST", f"episodes/{episode}/start")
 
     def upload_recording(self, episode: str, recording: GrowingFile) -> Stored:
         """Sends a recording while it is written; what the server keeps of it.
@@ -157,13 +157,17 @@ class LedgerClient:
 
     def commit(self, episode: str, commit: EpisodeCommit) -> Committed:
         """The episode is finished."""
-        answer = self._tell("PUT", f"{episode}/result", commit.model_dump_json())
+        answer = self._tell("PUT", f"episodes/{episode}/result", commit.model_dump_json())
         return Committed.model_validate_json(answer.content)
 
     def fault(self, episode: str, reason: str) -> None:
         """The episode could not be played, through no fault of a policy."""
         fault = Fault(reason=reason[:LONGEST_REASON])
-        self._tell("POST", f"{episode}/fault", fault.model_dump_json())
+        self._tell("POST", f"episodes/{episode}/fault", fault.model_dump_json())
+
+    def fetch_checkpoint(self, path: Path) -> None:
+        """Writes the policy's checkpoint to a file; its hash is the caller's to check."""
+        self._insist(lambda: self._get("checkpoint", path), sleep)
 
     def close(self) -> None:
         """Ends the connections."""
@@ -183,11 +187,20 @@ class LedgerClient:
     def _put(self, episode: str, recording: GrowingFile) -> httpx.Response:
         answering = Answering()
         return self._http.put(
-            f"{episode}/recording",
+            f"episodes/{episode}/recording",
             content=recording.pieces(answering.begun),
             headers={"Content-Type": "application/octet-stream"},
             extensions={"trace": answering.trace},
         )
+
+    def _get(self, what: str, path: Path) -> httpx.Response:
+        with self._http.stream("GET", what) as answer, path.open("wb") as file:
+            if not answer.is_success:
+                answer.read()
+                return answer
+            for piece in answer.iter_bytes(PIECE):
+                file.write(piece)
+        return answer
 
     def _tell(self, method: str, path: str, json: str | None = None) -> httpx.Response:
         headers = {"Content-Type": "application/json"} if json is not None else {}

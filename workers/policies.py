@@ -1,20 +1,28 @@
 """POLICY, as written on the command line, and how each kind of it is made."""
 
 import difflib
+import hashlib
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from importlib.util import find_spec
 from pathlib import Path
 
 from hide_tasks.contract import Action, EpisodeSpec, Policy, PolicyFailure
+from seek_model.checkpoint_header import BadCheckpoint, read_header
 from workers import run_folder
+from workers.policy_host import CHECKPOINT
 from workers.policy_process import LOAD_LIMIT, PolicyProcess
 
 BUILTIN = ("expert", "amnesiac", "random", "noop")
 ACCEPTED = (
     f"{', '.join(BUILTIN)}, replay:DIR (a run folder), "
-    "python:module:Class or python:path/to/file.py:Class"
+    "python:module:Class or python:path/to/file.py:Class, "
+    "a checkpoint, path/to/file.safetensors"
 )
+SUFFIX = ".safetensors"  # of a checkpoint
+MISMATCH = f"{BadCheckpoint.__module__}.{BadCheckpoint.__qualname__}: "  # a traceback's last line
+NO_TORCH = "PyTorch is not installed, and checkpoints need it: pip install 'hide-seek[seek]'"
 
 
 class BadPolicy(ValueError):
@@ -97,6 +105,11 @@ class Hosted(PolicyChoice):
     target: str  # module:Class or path/to/file.py:Class
     surroundings: Surroundings = Surroundings()
 
+    @property
+    def text(self) -> str:
+        """As messages name it."""
+        return f"python:{self.target}"
+
     def check(self, limit: float = LOAD_LIMIT) -> None:
         """Loads the policy once, in at most so many seconds.
 
@@ -107,7 +120,8 @@ class Hosted(PolicyChoice):
         try:
             policy.load(limit)
         except PolicyFailure as error:
-            raise BadPolicy(f"python:{self.target} cannot be loaded: {error}") from None
+            reason = str(error).removeprefix(MISMATCH)
+            raise BadPolicy(f"{self.text} cannot be loaded: {reason}") from None
         finally:
             policy.close()
 
@@ -116,6 +130,68 @@ class Hosted(PolicyChoice):
         return PolicyProcess(
             self.target, timeout=where.timeout, log=where.log, threads=where.threads
         )
+
+
+class ChangedCheckpoint(Exception):
+    """The file is not the one that was asked for any more."""
+
+
+@dataclass(frozen=True)
+class Checkpoint(Hosted):
+    """A file of weights, loaded by SEEK's own code. Made by `of_file`."""
+
+    sha256: str = ""
+
+    @classmethod
+    def of_file(
+        cls, path: Path, sha256: str, surroundings: Surroundings = Surroundings()
+    ) -> "Checkpoint":
+        """The policy in a file that has this hash, or had it when it was asked for."""
+        return cls(f"{CHECKPOINT}{path.absolute()}", surroundings, sha256)
+
+    @property
+    def path(self) -> Path:
+        """The file."""
+        return Path(self.target.removeprefix(CHECKPOINT))
+
+    @property
+    def text(self) -> str:
+        """As messages name it."""
+        return self.path.name
+
+    def check(self, limit: float = LOAD_LIMIT) -> None:
+        """Loads the checkpoint once, in at most so many seconds.
+
+        Raises:
+            BadPolicy: it cannot be loaded, and why.
+        """
+        if not has_torch():
+            raise BadPolicy(f"{self.text} cannot be loaded: {NO_TORCH}.")
+        try:
+            super().check(limit)
+        except ChangedCheckpoint as error:
+            raise BadPolicy(f"{self.text} cannot be loaded: {error}.") from None
+
+    def make(self) -> PolicyProcess:
+        """A new policy.
+
+        Raises:
+            ChangedCheckpoint: training, say, has replaced the file meanwhile.
+        """
+        if hash_of_file(self.path) != self.sha256:
+            raise ChangedCheckpoint(f"{self.path} was replaced; evaluate a copy of it")
+        return super().make()
+
+
+def has_torch() -> bool:
+    """True if checkpoints can be loaded here; nothing is imported."""
+    return find_spec("torch") is not None
+
+
+def hash_of_file(path: Path) -> str:
+    """SHA-256 of a file's content."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def parse(text: str, surroundings: Surroundings = Surroundings()) -> PolicyChoice:
@@ -131,12 +207,29 @@ def parse(text: str, surroundings: Surroundings = Surroundings()) -> PolicyChoic
         return read_replay(Path(rest))
     if kind == "python" and all(rest.rpartition(":")[::2]):
         return Hosted(rest, surroundings)
+    if text.endswith(SUFFIX):
+        return read_checkpoint(Path(text), surroundings)
     raise BadPolicy(f"No policy '{text}'.{_nearest(text)} Policies: {ACCEPTED}.")
 
 
 def _nearest(text: str) -> str:
     near = difflib.get_close_matches(text, BUILTIN, n=1)
     return f" Did you mean {near[0]}?" if near else ""
+
+
+def read_checkpoint(path: Path, surroundings: Surroundings = Surroundings()) -> Checkpoint:
+    """The policy in a checkpoint whose header is in order.
+
+    Raises:
+        BadPolicy: there is no such file, or it is no checkpoint.
+    """
+    try:
+        read_header(path)
+        return Checkpoint.of_file(path, hash_of_file(path), surroundings)
+    except BadCheckpoint as error:
+        raise BadPolicy(f"{path} is no checkpoint: {error}.") from None
+    except OSError as error:
+        raise BadPolicy(f"No checkpoint {path}: {error.strerror}.") from None
 
 
 def read_replay(folder: Path) -> Replayed:

@@ -24,15 +24,19 @@ from hide_tasks.contract import Policy
 from workers import wire
 
 PR_SET_PDEATHSIG = 1  # prctl(2)
+CHECKPOINT = "checkpoint:"  # then an absolute path: no class has such a name
 
 
 def load(target: str) -> Policy:
-    """A new policy of the class `module:Class` or `path/to/file.py:Class`.
+    """A new policy: `module:Class`, `path/to/file.py:Class` or `checkpoint:/path/to/file`.
 
     Raises:
         TypeError: the class has no reset or no act.
-        Exception: whatever importing or constructing it raises.
+        ValueError: the file is no checkpoint that can be loaded; the message names the mismatch.
+        Exception: whatever importing or constructing a class raises.
     """
+    if target.startswith(f"{CHECKPOINT}/"):
+        return _checkpoint(Path(target.removeprefix(CHECKPOINT)))
     source, _, name = target.rpartition(":")
     module = _module_of_file(Path(source)) if source.endswith(".py") else _module(source)
     if not hasattr(module, name):
@@ -42,6 +46,12 @@ def load(target: str) -> Policy:
         if not callable(getattr(policy, method, None)):
             raise TypeError(f"{name} has no method {method}; a policy has reset and act")
     return policy  # type: ignore[no-any-return]
+
+
+def _checkpoint(path: Path) -> Policy:
+    # By name: other policies do not wait for torch.
+    policy: Policy = importlib.import_module("seek_model.policy").load(path)
+    return policy
 
 
 def _module(name: str) -> ModuleType:

@@ -7,6 +7,7 @@ token of its attempt:
     PUT  …/episodes/{episode}/recording    the growing .rrd, chunked            Stored
     PUT  …/episodes/{episode}/result       EpisodeCommit                        Committed
     POST …/episodes/{episode}/fault        Fault: the infrastructure failed, not the policy
+    GET  …/checkpoint                      the policy's file, if its policy is one
 
 409 says that the attempt is no longer the current one, and the worker drops the shard; with the
 code `episode_final` it says that the episode is committed, and the worker goes on with the next.
@@ -33,6 +34,9 @@ INTERNAL = "/internal/v1"
 EPISODE_FINAL = "episode_final"
 SHARD_SIZE = 5  # episodes of one task
 
+Sha256 = Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
+Timeout = Annotated[float, Field(gt=0, le=3600)]  # s for one answer
+
 
 class _Message(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -50,8 +54,8 @@ class PythonPolicy(_Message):
 
     kind: Literal["python"] = "python"
     target: str  # module:Class or path/to/file.py:Class
-    timeout: Annotated[float, Field(gt=0, le=3600)] = 60.0  # s for one answer
-    sha256: Annotated[str, Field(pattern="^[0-9a-f]{64}$")] | None = None  # at registration
+    timeout: Timeout = 60.0
+    sha256: Sha256 | None = None  # at registration
 
     def file_hash(self) -> str | None:
         """SHA-256 of the file that it names now; None for a module or if there is none."""
@@ -61,6 +65,16 @@ class PythonPolicy(_Message):
         return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
+class CheckpointPolicy(_Message):
+    """A file of weights that the server keeps; nothing of it is executed."""
+
+    kind: Literal["checkpoint"] = "checkpoint"
+    sha256: Sha256
+    size: Annotated[int, Field(ge=0)]  # bytes
+    model: str = ""  # the name of its configuration
+    timeout: Timeout = 60.0
+
+
 class ReplayPolicy(_Message):
     """The recorded actions of another evaluation, told with each episode."""
 
@@ -68,7 +82,11 @@ class ReplayPolicy(_Message):
     evaluation: str
 
 
-PolicySpec = Annotated[BuiltInPolicy | PythonPolicy | ReplayPolicy, Field(discriminator="kind")]
+HostedPolicy = PythonPolicy | CheckpointPolicy  # in a process of its own
+NamedPolicy = Annotated[BuiltInPolicy | PythonPolicy | ReplayPolicy, Field(discriminator="kind")]
+PolicySpec = Annotated[
+    BuiltInPolicy | PythonPolicy | ReplayPolicy | CheckpointPolicy, Field(discriminator="kind")
+]
 
 
 class AssignedEpisode(_Message):

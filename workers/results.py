@@ -16,6 +16,7 @@ class Results(BaseModel):
     model_config = ConfigDict(extra="ignore")
 
     policy: str
+    checkpoint: str | None = None  # SHA-256 of the policy's file, if it is one
     suite: str
     version: int
     split: Split
@@ -30,7 +31,9 @@ class Results(BaseModel):
 
     def same_run(self, other: "Results") -> str | None:
         """Why episodes of these two may not stand in one file; None if they may."""
-        for field in ("policy", "suite", "version", "split", "rules"):
+        # A checkpoint is what is in its file, wherever that lies.
+        same = "checkpoint" if self.checkpoint and other.checkpoint else "policy"
+        for field in (same, "suite", "version", "split", "rules"):
             if getattr(self, field) != getattr(other, field):
                 return f"{field} {getattr(self, field)}, not {getattr(other, field)}"
         for task in set(self.budgets) & set(other.budgets):

@@ -26,7 +26,13 @@ from hide_tasks.sources import sources_hash
 from workers import policies, wire
 from workers.hidden_trace import HiddenTrace
 from workers.policy_host import die_with_parent
-from workers.protocol import BuiltInPolicy, EpisodeCommit, PythonPolicy, measured_digest
+from workers.protocol import (
+    BuiltInPolicy,
+    CheckpointPolicy,
+    EpisodeCommit,
+    PythonPolicy,
+    measured_digest,
+)
 from workers.simulator import EpisodeJob, close_policies, play_episode
 from workers.simulator_process import Play
 
@@ -102,7 +108,7 @@ def choice(request: Play) -> policies.PolicyChoice:
     """The policy that a request names.
 
     Raises:
-        ValueError: a replay came without its actions.
+        ValueError: a replay came without its actions, or a checkpoint without its file.
     """
     policy = request.policy
     if isinstance(policy, BuiltInPolicy):
@@ -110,6 +116,11 @@ def choice(request: Play) -> policies.PolicyChoice:
     if isinstance(policy, PythonPolicy):
         surroundings = policies.Surroundings(policy.timeout, _log(), threads=1)
         return policies.Hosted(policy.target, surroundings)
+    if isinstance(policy, CheckpointPolicy):
+        if request.checkpoint is None:
+            raise ValueError(f"{request.policy_name} came without the file of its checkpoint.")
+        surroundings = policies.Surroundings(policy.timeout, _log(), threads=1)
+        return policies.Checkpoint.of_file(request.checkpoint, policy.sha256, surroundings)
     if request.episode.actions is None:
         raise ValueError(
             f"{request.episode.spec.name} came without actions; a replay needs them with each "

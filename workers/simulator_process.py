@@ -22,7 +22,7 @@ from hide_tasks.contract import Rules
 from workers import wire
 from workers.engines.processes import THREAD_LIMITS
 from workers.policy_process import LOAD_LIMIT
-from workers.protocol import AssignedEpisode, EpisodeCommit, PolicySpec, PythonPolicy
+from workers.protocol import AssignedEpisode, EpisodeCommit, HostedPolicy, PolicySpec
 
 STALL_LIMIT = 60.0  # s without a decision, besides what the policy may take
 START_LIMIT = 120.0  # s until the first word of a simulator that is just starting
@@ -38,6 +38,7 @@ class Play(BaseModel):
 
     episode: AssignedEpisode
     policy: PolicySpec
+    checkpoint: Path | None = None  # the file of a policy that is one
     policy_name: str  # as recordings name it
     rules: Rules = "hide"
     recordings: Path | None = None  # the folder for the recording; None: none is made
@@ -47,7 +48,7 @@ class Play(BaseModel):
         """Seconds until the next sign of life, after so many decisions; None: before the start."""
         if decided is None:
             return START_LIMIT
-        if not isinstance(self.policy, PythonPolicy):
+        if not isinstance(self.policy, HostedPolicy):
             return STALL_LIMIT
         load = 0.0 if decided else LOAD_LIMIT + self.policy.timeout  # and the reset
         return load + self.policy.timeout + STALL_LIMIT

@@ -16,6 +16,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
+from workers import checkpoint_cache
 from workers.ledger_client import (
     AlreadyFinal,
     Dropped,
@@ -25,7 +26,7 @@ from workers.ledger_client import (
     Refused,
     Stale,
 )
-from workers.protocol import AssignedEpisode, EpisodeCommit, ShardJob, Stored
+from workers.protocol import AssignedEpisode, CheckpointPolicy, EpisodeCommit, ShardJob, Stored
 from workers.simulator import recording_name
 from workers.simulator_process import Play, SimulatorFailure, SimulatorProcess
 
@@ -49,11 +50,13 @@ def run_shard(job: ShardJob) -> None:
 
     Raises:
         ShardFailure: some episodes could not be played; the server knows which and why.
-        LedgerError: the server does not take reports.
+        LedgerError: the server does not take reports, or does not give the checkpoint.
+        WrongContent: the checkpoint that it gives is another one.
     """
     with scratch_folder() as scratch, LedgerClient(job.server, job.attempt, job.token) as ledger:
         try:
-            faults = _run_episodes(job, ledger, scratch)
+            with _checkpoint(job, ledger) as checkpoint:
+                faults = _run_episodes(job, ledger, scratch, checkpoint)
         except Stale:
             simulator.close()
             return
@@ -67,7 +70,19 @@ def run_shard(job: ShardJob) -> None:
         )
 
 
-def _run_episodes(job: ShardJob, ledger: LedgerClient, scratch: Path) -> list[str]:
+@contextlib.contextmanager
+def _checkpoint(job: ShardJob, ledger: LedgerClient) -> Iterator[Path | None]:
+    """The file of a policy that is a checkpoint; a file that is not here yet is fetched."""
+    if not isinstance(job.policy, CheckpointPolicy):
+        yield None
+        return
+    with checkpoint_cache.held(job.policy.sha256, ledger.fetch_checkpoint) as path:
+        yield path
+
+
+def _run_episodes(
+    job: ShardJob, ledger: LedgerClient, scratch: Path, checkpoint: Path | None
+) -> list[str]:
     """Why episodes could not be played, each in one sentence."""
     faults = []
     for episode in job.episodes:
@@ -76,7 +91,7 @@ def _run_episodes(job: ShardJob, ledger: LedgerClient, scratch: Path) -> list[st
         except AlreadyFinal:  # the engine placed this job again
             continue
         try:
-            commit = _play(job, episode, ledger, scratch)
+            commit = _play(job, episode, ledger, scratch, checkpoint)
             ledger.commit(episode.id, commit)
         except (SimulatorFailure, Refused, Mismatch) as error:
             ledger.fault(episode.id, str(error))
@@ -85,13 +100,18 @@ def _run_episodes(job: ShardJob, ledger: LedgerClient, scratch: Path) -> list[st
 
 
 def _play(
-    job: ShardJob, episode: AssignedEpisode, ledger: LedgerClient, scratch: Path
+    job: ShardJob,
+    episode: AssignedEpisode,
+    ledger: LedgerClient,
+    scratch: Path,
+    checkpoint: Path | None,
 ) -> EpisodeCommit:
     """A finished episode whose recording the server has."""
     with tempfile.TemporaryDirectory(dir=scratch) as folder:
         request = Play(
             episode=episode,
             policy=job.policy,
+            checkpoint=checkpoint,
             policy_name=job.policy_name,
             rules=job.rules,
             sources=job.sources,

@@ -4,21 +4,24 @@ import asyncio
 import logging
 
 from fastapi import APIRouter, Request, Response
+from fastapi.responses import FileResponse
 from starlette.requests import ClientDisconnect
 
-from server import lifecycle
+from server import blobs, lifecycle
 from server.commit import commit
 from server.deps import AttemptId, TheHub, assigned
 from server.growing import TooLarge
 from server.hub import Hub
-from server.problems import Problem
+from server.models import Attempt
+from server.problems import Problem, not_found
 from workers.protocol import Committed, EpisodeCommit, Fault, Stored
 
 logger = logging.getLogger(__name__)
-router = APIRouter(prefix="/attempts/{attempt}/episodes/{episode}")
+router = APIRouter(prefix="/attempts/{attempt}")
+EPISODE = "/episodes/{episode}"
 
 
-@router.post("/start", status_code=204)
+@router.post(EPISODE + "/start", status_code=204)
 def start(attempt: AttemptId, episode: str, hub: TheHub) -> Response:
     """The worker begins to play an episode."""
     with hub.database.writing() as session:
@@ -26,7 +29,7 @@ def start(attempt: AttemptId, episode: str, hub: TheHub) -> Response:
     return Response(status_code=204)
 
 
-@router.put("/recording")
+@router.put(EPISODE + "/recording")
 async def receive_recording(
     attempt: AttemptId, episode: str, request: Request, hub: TheHub
 ) -> Stored:
@@ -59,7 +62,7 @@ def _require_playing(hub: Hub, attempt: str, episode: str) -> None:
             raise Problem(409, "stale_attempt", f"Attempt {attempt} does not play {episode}.")
 
 
-@router.put("/result")
+@router.put(EPISODE + "/result")
 def receive_result(attempt: AttemptId, episode: str, what: EpisodeCommit, hub: TheHub) -> Committed:
     """A finished episode; the same one twice is fine."""
     with hub.database.writing() as session:
@@ -71,7 +74,7 @@ def receive_result(attempt: AttemptId, episode: str, what: EpisodeCommit, hub: T
     return outcome
 
 
-@router.post("/fault", status_code=204)
+@router.post(EPISODE + "/fault", status_code=204)
 def receive_fault(attempt: AttemptId, episode: str, fault: Fault, hub: TheHub) -> Response:
     """The episode could not be played; the attempt goes on with its others."""
     with hub.database.writing() as session:
@@ -79,3 +82,15 @@ def receive_fault(attempt: AttemptId, episode: str, fault: Fault, hub: TheHub) -
         lifecycle.put_back(session, played, found, fault.reason)
     hub.recordings.forget(episode)
     return Response(status_code=204)
+
+
+@router.get("/checkpoint")
+def give_checkpoint(attempt: AttemptId, hub: TheHub) -> FileResponse:
+    """The file of the policy that the attempt plays."""
+    with hub.database.reading() as session:
+        playing = session.get_one(Attempt, attempt)
+        lifecycle.require_open(playing)
+        spec = playing.shard.evaluation.policy_version.spec
+    if spec["kind"] != "checkpoint" or not hub.blobs.holds(spec["sha256"]):
+        raise not_found("checkpoint of attempt", attempt)
+    return FileResponse(hub.blobs.path(spec["sha256"]), media_type=blobs.CHECKPOINT)

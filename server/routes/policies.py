@@ -1,11 +1,17 @@
 """Policies and their versions."""
 
-from fastapi import APIRouter, Response
+import asyncio
+from typing import Annotated
 
-from server import policies
+from fastapi import APIRouter, Header, Query, Request, Response
+from starlette.requests import ClientDisconnect
+
+from server import checkpoints, policies
+from server.checkpoints import Received
 from server.deps import Reading, TheHub
+from server.hub import Hub
 from server.problems import Problem, invalid
-from server.schemas import PolicyCreate, PolicyVersionPublic
+from server.schemas import Description, PolicyCreate, PolicyName, PolicyVersionPublic
 from workers.policies import BadPolicy, Hosted, Surroundings
 from workers.protocol import PythonPolicy
 
@@ -34,7 +40,8 @@ def register_policy(wanted: PolicyCreate, hub: TheHub, response: Response) -> Po
         known = wanted.spec.model_copy(update={"sha256": wanted.spec.file_hash()})
         wanted = wanted.model_copy(update={"spec": known})
     with hub.database.writing() as session:
-        version = policies.public(policies.register(session, wanted))
+        row = policies.register(session, wanted.name, wanted.spec, description=wanted.description)
+        version = policies.public(row)
     response.headers["Location"] = f"/api/v1/policies/{version.id}"
     return version
 
@@ -45,6 +52,60 @@ def _require_loads(spec: PythonPolicy) -> None:
         Hosted(spec.target, Surroundings(timeout=spec.timeout)).check(CHECK_LIMIT)
     except BadPolicy as error:
         raise invalid("spec.target", str(error)) from None
+
+
+RAW = {"required": True, "content": {"application/octet-stream": {"schema": {"format": "binary"}}}}
+
+
+@router.post(
+    "/checkpoints",
+    status_code=201,
+    responses={200: {"model": PolicyVersionPublic, "description": "It was there before."}},
+    openapi_extra={"requestBody": RAW},
+)
+async def upload_checkpoint(
+    name: Annotated[PolicyName, Query()],
+    request: Request,
+    hub: TheHub,
+    response: Response,
+    description: Annotated[Description, Query()] = "",
+    content_length: Annotated[int | None, Header(include_in_schema=False)] = None,
+    content_type: Annotated[str, Header(include_in_schema=False)] = "",
+) -> PolicyVersionPublic:
+    """A checkpoint as a policy's next version; the body is the file. It is loaded once first."""
+    policies.require_free(name)
+    checkpoints.require_torch()
+    if content_type.startswith("multipart/"):
+        raise Problem(415, "not_raw", "Send the file itself as the body, not a form.")
+    limit = hub.settings.checkpoint_limit
+    if (content_length or 0) > limit:
+        raise checkpoints.too_large(limit)
+    with checkpoints.receiving(hub.blobs) as path:
+        try:
+            pieces = request.stream()
+            received = await checkpoints.receive(pieces, path, limit=limit, has_room=hub.has_room)
+        except ClientDisconnect:
+            raise Problem(400, "broken_off", "The checkpoint broke off.") from None
+        async with hub.loading:
+            version, new = await asyncio.to_thread(_taken, hub, received, name, description)
+    response.status_code = 201 if new else 200
+    response.headers["Location"] = f"/api/v1/policies/{version.id}"
+    return version
+
+
+def _taken(
+    hub: Hub, received: Received, name: str, description: str
+) -> tuple[PolicyVersionPublic, bool]:
+    """The version that plays this file, and whether it is a new one."""
+    model = checkpoints.header_of(received).config.name
+    with hub.database.reading() as session:
+        if there := checkpoints.known(session, name, received.sha256):
+            return policies.public(there), False
+    checkpoints.require_loads(received)
+    hub.blobs.take(received.path, received.sha256)
+    with hub.database.writing() as session:
+        row = checkpoints.keep(session, received, name=name, description=description, model=model)
+        return policies.public(row), True
 
 
 @router.get("/{policy}")

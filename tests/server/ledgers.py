@@ -24,13 +24,14 @@ from hide_tasks.contract import (
     Start,
     Timing,
 )
-from server import evaluations, lifecycle, policies
+from server import checkpoints, evaluations, lifecycle, policies
 from server.blobs import Blobs
+from server.checkpoints import Received
 from server.commit import commit
 from server.data_folder import LEDGER
 from server.db import Database
 from server.models import Attempt, Episode, Evaluation, Shard
-from server.schemas import EvaluationCreate, PolicyCreate
+from server.schemas import EvaluationCreate
 from workers.protocol import (
     EpisodeCommit,
     HiddenChange,
@@ -71,7 +72,15 @@ def registered(database: Database, name: str) -> str:
     """A policy of somebody's; its version's id."""
     spec = PythonPolicy(target="tests.workers.some_policies:Stays")
     with database.writing() as session:
-        return policies.register(session, PolicyCreate(name=name, spec=spec)).id
+        return policies.register(session, name, spec).id
+
+
+def uploaded(database: Database, store: Blobs, name: str, content: bytes) -> str:
+    """A policy of somebody's that is a checkpoint, of which nothing is looked at; its id."""
+    received = Received(Path(), store.put(content), len(content))
+    with database.writing() as session:
+        kept = checkpoints.keep(session, received, name=name, description="", model="seek-small")
+        return kept.id
 
 
 def created(session: Session, policy: str = "expert", **wanted: Any) -> Evaluation:

@@ -12,7 +12,6 @@ from sqlalchemy import func, select, text
 from server import db, policies
 from server.db import Database, LedgerError
 from server.models import Policy
-from server.schemas import PolicyCreate
 from tests.server import ledgers
 from workers.protocol import BuiltInPolicy
 
@@ -26,9 +25,8 @@ def database(tmp_path: Path) -> Iterator[Database]:
 
 def register(database: Database, name: str) -> int:
     """The number that a policy's next version gets: read first, written then."""
-    wanted = PolicyCreate(name=name, spec=BuiltInPolicy(name="noop"))
     with database.writing() as session:
-        return policies.register(session, wanted).number
+        return policies.register(session, name, BuiltInPolicy(name="noop")).number
 
 
 @pytest.mark.parametrize(
@@ -77,7 +75,7 @@ def test_a_block_that_raises_writes_nothing(database: Database) -> None:
     database.after_commit = lambda: rung.append(1)
 
     with pytest.raises(RuntimeError), database.writing() as session:
-        policies.register(session, PolicyCreate(name="mine", spec=BuiltInPolicy(name="noop")))
+        policies.register(session, "mine", BuiltInPolicy(name="noop"))
         raise RuntimeError
 
     with database.reading() as session:

@@ -11,11 +11,12 @@ from sqlalchemy import select
 
 from server import evaluations, jobs, lifecycle, policies
 from server.bell import Bell
+from server.blobs import Blobs
 from server.db import Database
 from server.growing import GrowingRecordings
 from server.models import Attempt, Shard
 from server.reconciler import Reconciler
-from server.schemas import EvaluationCreate, PolicyCreate
+from server.schemas import EvaluationCreate
 from tests.server import ledgers, shards
 from tests.server.running import until
 from workers.engines.local import LocalEngine
@@ -54,7 +55,13 @@ def parts(
 ) -> Iterator[Parts]:
     database = ledgers.opened(folder)
     engine = LocalEngine(function, workers=1)
-    draft = partial(jobs.draft, server="http://127.0.0.1:9", episode_limit=60.0, allow_python=False)
+    draft = partial(
+        jobs.draft,
+        store=Blobs(folder / "blobs"),
+        server="http://127.0.0.1:9",
+        episode_limit=60.0,
+        allow_python=False,
+    )
     recordings = GrowingRecordings(folder / "growing")
     recordings.clear()
     reconciler = Reconciler(
@@ -158,14 +165,14 @@ def test_a_class_that_changed_since_it_was_registered_is_not_played(tmp_path: Pa
     spec = PythonPolicy(target=f"{file}:Mine")
     known = spec.model_copy(update={"sha256": spec.file_hash()})
     with parts(tmp_path, shards.hangs) as these, these.database.writing() as session:
-        wanted = PolicyCreate(name="mine", spec=known)
         evaluation = evaluations.create(
             session,
-            EvaluationCreate(policy=policies.register(session, wanted).id, episodes=1),
+            EvaluationCreate(policy=policies.register(session, "mine", known).id, episodes=1),
         )
         session.flush()
         [shard, *_] = session.scalars(select(Shard).where(Shard.evaluation_id == evaluation.id))
-        draft = partial(jobs.draft, session, shard, server="", episode_limit=1.0)
+        store = Blobs(tmp_path / "blobs")
+        draft = partial(jobs.draft, session, shard, store=store, server="", episode_limit=1.0)
 
         assert draft(allow_python=True).sources == evaluation.sources[shard.task]
         file.write_text("class Mine: pass")

@@ -35,6 +35,7 @@ OTHER_ROUTES = [
     ("GET", "/leaderboard"),
     ("GET", "/policies"),
     ("POST", "/policies"),
+    ("POST", "/policies/checkpoints"),
     ("GET", "/evaluations"),
     ("POST", "/evaluations"),
     ("POST", "/batches"),

@@ -67,6 +67,7 @@ def filled(app: FastAPI, recordings: Path) -> Site:
     ledgers.evaluated(database, store, "expert")
     for name in ("mine", "slow", "broken", "late"):
         ledgers.registered(database, name)
+    ledgers.uploaded(database, store, "seek", b"weights")
     completed = ledgers.evaluated(database, store, "mine", every_outcome())
     recorded = _recorded(hub, recordings)
     cancelled = _begun(hub, "slow")

@@ -5,6 +5,7 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 import httpx
@@ -17,6 +18,7 @@ from server.commit import commit
 from server.models import Attempt, Episode
 from server.states import EpisodeState
 from tests.chromium import CHROMIUM, FLAGS
+from tests.seek_model.checkpoints import tiny_checkpoint
 from tests.server import ledgers
 from tests.web import sites
 from tests.web.sites import Site
@@ -143,6 +145,64 @@ def test_a_form_that_is_wrong_says_so_beside_the_field(
     assert page.inner_text("#episodes-error")
     assert page.get_attribute("#episodes", "aria-invalid") == "true"
     context.close()
+
+
+def upload(page: Page, address: str, name: str, content: bytes) -> None:
+    """Fills in the form and sends it, by the keyboard."""
+    page.goto(f"{address}/evaluations/new")
+    page.focus(".upload summary")
+    page.keyboard.press("Enter")
+    page.fill("#name", name)
+    page.set_input_files("#file", {"name": "a.safetensors", "mimeType": "", "buffer": content})
+    page.focus("#upload [type=submit]")
+    page.keyboard.press("Enter")
+
+
+def test_a_checkpoint_is_uploaded_and_chosen(
+    served: tuple[Site, str], browser: Browser, tmp_path: Path
+) -> None:
+    _, address = served
+    content = tiny_checkpoint(tmp_path / "a.safetensors").read_bytes()
+    with opened(browser, address, WIDTHS["phone"]) as page:
+        upload(page, address, "uploaded", content)
+        page.wait_for_selector(
+            "#upload [role=status]:has-text('uploaded@1 is kept')", timeout=120_000
+        )
+
+        assert page.input_value("#policy") == "uploaded@1"
+        assert page.evaluate("document.activeElement.id") == "policy"
+        assert "uploaded@1" in page.inner_text("#policies")
+        assert page.evaluate("document.documentElement.scrollWidth - innerWidth") <= 0
+        page.fill("#episodes", "1")
+        page.click("text=Start")
+        page.wait_for_url("**/evaluations/ev*")
+
+
+def test_a_file_that_is_no_checkpoint_says_so_beside_it(
+    served: tuple[Site, str], browser: Browser
+) -> None:
+    _, address = served
+    context = browser.new_context()
+    page = context.new_page()
+
+    upload(page, address, "wrong", b"not a checkpoint at all")
+    page.wait_for_selector("#upload [role=alert]:visible")
+
+    assert "no safetensors file" in page.inner_text("#file-error")
+    assert page.get_attribute("#file", "aria-invalid") == "true"
+    assert page.is_enabled("#upload [type=submit]")
+    assert page.is_hidden("#upload progress")
+    context.close()
+
+
+def test_a_built_in_policys_name_is_not_sent(served: tuple[Site, str], browser: Browser) -> None:
+    _, address = served
+    with opened(browser, address) as page:
+        upload(page, address, "expert", b"weights")
+
+        assert page.evaluate("document.querySelector('#name').validity.patternMismatch")
+        page.fill("#name", "experts")
+        assert page.evaluate("document.querySelector('#name').validity.valid")
 
 
 def test_an_evaluation_is_started_and_cancelled(served: tuple[Site, str], browser: Browser) -> None:

@@ -1,5 +1,6 @@
 """Pages, rendered from a real ledger: what stands on them and where they lead."""
 
+import hashlib
 import re
 from collections import defaultdict
 from html import unescape
@@ -11,6 +12,7 @@ from fastapi.testclient import TestClient
 from hide_tasks import ALL_TASKS
 from hide_tasks.contract import Failure
 from server.states import EpisodeState
+from tests.server import ledgers
 from tests.web import sites
 from tests.web.sites import Site
 from web.wording import FAILURES, OUTCOMES
@@ -163,6 +165,34 @@ def test_the_form_offers_every_policy_and_task(client: TestClient) -> None:
 
     assert '<option value="mine@1" selected>' in text
     assert all(f'name="tasks" value="{name}"' in text for name in ALL_TASKS)
+
+
+def test_of_a_name_the_newest_version_is_chosen(client: TestClient, site: Site) -> None:
+    ledgers.registered(site.hub.database, "twice")
+    newest = ledgers.registered(site.hub.database, "twice")
+
+    for named in ("twice", "twice@2", newest):
+        assert re.findall(
+            r'value="([^"]+)" selected', page(client, f"/evaluations/new?policy={named}")
+        ) == ["twice@2"]
+
+
+def test_a_checkpoint_is_shown_with_its_model_size_and_hash(client: TestClient) -> None:
+    text = page(client, "/evaluations/new")
+
+    assert '<option value="seek@1">seek@1 (checkpoint, seek-small)</option>' in text
+    row = text[text.index("seek<span") :]
+    sha256 = hashlib.sha256(b"weights").hexdigest()
+    assert row.index("<td>checkpoint</td>") < row.index("seek-small") < row.index("7\u202fbytes")
+    assert f'title="SHA-256 {sha256}">{sha256[:12]}<' in row
+
+
+def test_the_form_of_an_upload_knows_what_is_refused(client: TestClient, site: Site) -> None:
+    text = page(client, "/evaluations/new?upload=true")
+
+    assert '<details class="upload" open>' in text
+    assert f'data-limit="{site.hub.settings.checkpoint_limit}"' in text
+    assert "(?!(expert|amnesiac|random|noop)$)" in text
 
 
 # --- failures ---

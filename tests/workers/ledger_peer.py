@@ -30,6 +30,7 @@ class Kept:
     faults: dict[str, str] = field(default_factory=dict)
     answers: dict[str, list[int]] = field(default_factory=dict)  # status codes to give first
     final: set[str] = field(default_factory=set)  # episodes that are committed already
+    checkpoint: bytes = b""  # of every attempt's policy
 
 
 @dataclass
@@ -82,6 +83,11 @@ def app(kept: Kept) -> FastAPI:
     def fault(episode: str, said: Fault, request: Request) -> None:
         hear("fault", episode, request)
         kept.faults[episode] = said.reason
+
+    @application.get(f"{INTERNAL}/attempts/{{attempt}}/checkpoint")
+    def checkpoint(attempt: str, request: Request) -> Response:
+        hear("checkpoint", attempt, request)
+        return Response(kept.checkpoint)
 
     return application
 

@@ -13,6 +13,8 @@ import pytest
 
 from hide_tasks.contract import EpisodeSpec
 from tests.processes import gone, wait_for
+from tests.seek_model.checkpoints import tiny_checkpoint
+from tests.workers import checkpoint_files
 from workers.evaluation import Evaluation, Watcher, evaluate, missing
 from workers.run_folder import DECISIONS, RESULTS, RunFolder
 from workers.simulator_process import descendants
@@ -185,3 +187,20 @@ def test_parity_has_its_own_budget() -> None:
 
     assert evaluation.results.budgets == {"search_drawer": 35}
     assert replace(evaluation, rules="parity").results.budgets == {"search_drawer": 25}
+
+
+def test_a_checkpoint_is_evaluated_and_a_bad_one_is_refused(tmp_path: Path) -> None:
+    checkpoint = tmp_path / "seek.safetensors"
+    tiny_checkpoint(checkpoint)
+    asked = ("--tasks", TASKS[0], "--episodes", 1, "--no-recordings", "--out", tmp_path / "run")
+    arguments = command(checkpoint, *asked)
+
+    finished = subprocess.run(arguments, cwd=ROOT, capture_output=True, text=True)
+    checkpoint_files.written(checkpoint)
+    again = subprocess.run(arguments, cwd=ROOT, capture_output=True, text=True)
+
+    assert finished.returncode == 0, finished.stderr
+    [episode] = json.loads((tmp_path / "run" / RESULTS).read_text())["episodes"]
+    assert episode["failure"] != "policy_error", episode["detail"]
+    assert (again.returncode, again.stderr.count("\n")) == (2, 1)
+    assert again.stderr.startswith("hide: seek.safetensors cannot be loaded: tensor ")

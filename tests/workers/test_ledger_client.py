@@ -47,6 +47,24 @@ def test_a_failing_server_is_asked_again(peer: Peer) -> None:
     assert peer.kept.told == [("start", "e1")] * 3
 
 
+def test_a_checkpoint_is_fetched_and_asked_for_again(peer: Peer, tmp_path: Path) -> None:
+    peer.kept.checkpoint = b"weights" * 100_000
+    peer.kept.answers["checkpoint"] = [500]
+
+    with client(peer.url) as ledger:
+        ledger.fetch_checkpoint(tmp_path / "a")
+
+    assert (tmp_path / "a").read_bytes() == peer.kept.checkpoint
+    assert peer.kept.told == [("checkpoint", "a1")] * 2
+
+
+def test_a_checkpoint_of_a_stale_attempt_is_refused(peer: Peer, tmp_path: Path) -> None:
+    peer.kept.answers["checkpoint"] = [409]
+
+    with client(peer.url) as ledger, pytest.raises(Stale, match="as the test wants it"):
+        ledger.fetch_checkpoint(tmp_path / "a")
+
+
 def test_a_stale_attempt_is_told_so(peer: Peer) -> None:
     peer.kept.answers["start"] = [409]
 

@@ -1,12 +1,23 @@
+import hashlib
 from pathlib import Path
 
 import pytest
 
 from hide_tasks import policies as builtin
 from hide_tasks.suite import episode
+from tests.workers import checkpoint_files
 from tests.workers.test_run_folder import play
 from workers import policies
-from workers.policies import Actions, BadPolicy, BuiltIn, Hosted, parse
+from workers.policies import (
+    Actions,
+    BadPolicy,
+    BuiltIn,
+    ChangedCheckpoint,
+    Checkpoint,
+    Hosted,
+    parse,
+    read_checkpoint,
+)
 
 
 def test_the_built_in_policies_are_those_of_the_benchmark() -> None:
@@ -67,3 +78,58 @@ def test_a_class_that_cannot_be_loaded_is_found_out_at_once() -> None:
         BadPolicy, match="python:nowhere:Mine cannot be loaded: ModuleNotFoundError"
     ):
         Hosted("nowhere:Mine").check()
+
+
+def test_a_checkpoint_is_named_by_its_path_and_known_by_its_content(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    path = checkpoint_files.written(tmp_path / "seek.safetensors")
+
+    chosen = parse("seek.safetensors")
+
+    assert isinstance(chosen, Checkpoint)
+    assert chosen.target == f"checkpoint:{path}"
+    assert chosen.sha256 == hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def test_a_checkpoint_that_is_not_there(tmp_path: Path) -> None:
+    with pytest.raises(BadPolicy, match=r"No checkpoint .*: No such file or directory"):
+        parse(f"{tmp_path}/seek.safetensors")
+
+
+@pytest.mark.parametrize("wrong", checkpoint_files.WRONG)
+def test_a_file_that_is_no_checkpoint(tmp_path: Path, wrong: str) -> None:
+    content, message = checkpoint_files.WRONG[wrong]
+    path = tmp_path / "seek.safetensors"
+    path.write_bytes(content)
+
+    with pytest.raises(BadPolicy, match=f"seek.safetensors is no checkpoint: .*{message}"):
+        parse(str(path))
+
+
+def test_weights_that_fit_no_network_are_found_out_at_once(tmp_path: Path) -> None:
+    path = checkpoint_files.written(tmp_path / "seek.safetensors")
+
+    with pytest.raises(BadPolicy, match=r"^seek.safetensors cannot be loaded: tensor '.*'"):
+        read_checkpoint(path).check()
+
+
+def test_without_torch_it_is_told_what_to_install(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    chosen = read_checkpoint(checkpoint_files.written(tmp_path / "seek.safetensors"))
+    monkeypatch.setattr(policies, "has_torch", lambda: False)
+
+    with pytest.raises(BadPolicy, match=r"pip install 'hide-seek\[seek\]'"):
+        chosen.check()
+
+
+def test_a_file_that_was_replaced_is_not_played(tmp_path: Path) -> None:
+    chosen = read_checkpoint(checkpoint_files.written(tmp_path / "seek.safetensors"))
+    checkpoint_files.written(tmp_path / "seek.safetensors", name="later")
+
+    with pytest.raises(ChangedCheckpoint, match="was replaced; evaluate a copy"):
+        chosen.make()
+    with pytest.raises(BadPolicy, match="was replaced"):
+        chosen.check()

@@ -255,3 +255,25 @@ def test_the_actions_of_finished_episodes_can_be_read(tmp_path: Path) -> None:
     )
 
     assert read_actions(tmp_path) == {(TASKS[0], 0): [Stop()] * 2, (TASKS[1], 1): [Stop()] * 2}
+
+
+def test_another_file_under_the_same_name_is_another_run(tmp_path: Path) -> None:
+    play(tmp_path, (TASKS[0], 0), policy="seek.safetensors", checkpoint="a" * 64)
+
+    with pytest.raises(FolderError, match=f"a run with checkpoint {'a' * 64}, not {'b' * 64}"):
+        play(tmp_path, policy="seek.safetensors", checkpoint="b" * 64)
+
+
+def test_the_same_file_under_another_name_goes_on(tmp_path: Path) -> None:
+    play(tmp_path, (TASKS[0], 0), policy="seek.safetensors", checkpoint="a" * 64)
+
+    play(tmp_path, (TASKS[0], 1), policy="moved/seek.safetensors", checkpoint="a" * 64)
+
+    assert len(read(tmp_path).episodes) == 2
+
+
+def test_a_checkpoint_is_no_other_policy(tmp_path: Path) -> None:
+    play(tmp_path, (TASKS[0], 0))
+
+    with pytest.raises(FolderError, match=r"policy expert, not seek\.safetensors"):
+        play(tmp_path, policy="seek.safetensors", checkpoint="a" * 64)

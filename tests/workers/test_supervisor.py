@@ -1,5 +1,6 @@
 """Shards with real simulators, policies and an HTTP server; and their violent ends."""
 
+import hashlib
 import os
 import signal
 import subprocess
@@ -18,12 +19,15 @@ from hide_tasks.episode import play
 from hide_tasks.policies import Expert
 from hide_tasks.sources import sources_hash
 from tests.processes import command, gone, parent, wait_for
+from tests.seek_model.checkpoints import tiny_checkpoint
 from tests.workers.ledger_peer import TOKEN, Peer, serving
 from workers import supervisor
+from workers.checkpoint_cache import FOLDER, WrongContent
 from workers.engines.local import LocalEngine
 from workers.protocol import (
     AssignedEpisode,
     BuiltInPolicy,
+    CheckpointPolicy,
     PolicySpec,
     PythonPolicy,
     ReplayPolicy,
@@ -229,6 +233,53 @@ def test_what_a_killed_process_left_is_removed(
             scratch.name,
         }
     assert not scratch.exists()
+
+
+def checkpoint(content: bytes) -> CheckpointPolicy:
+    return CheckpointPolicy(sha256=hashlib.sha256(content).hexdigest(), size=len(content))
+
+
+def test_a_checkpoint_is_fetched_once_and_played(
+    peer: Peer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv(FOLDER, str(tmp_path / "cache"))
+    file = tmp_path / "tiny.safetensors"
+    tiny_checkpoint(file)
+    peer.kept.checkpoint = file.read_bytes()
+    policy = checkpoint(peer.kept.checkpoint)
+
+    run_shard(shard(peer, policy, 1, recordings=False, episode_limit=250.0))
+    peer.kept.final = {"e0"}
+    run_shard(shard(peer, policy, 1, recordings=False, episode_limit=250.0))
+
+    [commit] = peer.kept.commits.values()
+    assert commit.result.failure is not Failure.POLICY_ERROR, commit.result.detail
+    assert commit.decisions[0].belief is not None
+    assert [what for what, _ in peer.kept.told].count("checkpoint") == 1
+    assert (tmp_path / "cache" / f"{policy.sha256}.safetensors").exists()
+
+
+def test_another_checkpoint_than_was_asked_for_plays_nothing(
+    peer: Peer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv(FOLDER, str(tmp_path))
+    peer.kept.checkpoint = b"other weights"
+
+    with pytest.raises(WrongContent, match="The server sent a checkpoint with SHA-256"):
+        run_shard(shard(peer, checkpoint(b"weights")))
+
+    assert peer.kept.told == [("checkpoint", "a1")]
+
+
+def test_an_attempt_that_is_stale_before_it_has_its_checkpoint_ends_quietly(
+    peer: Peer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv(FOLDER, str(tmp_path))
+    peer.kept.answers["checkpoint"] = [409]
+
+    run_shard(shard(peer, checkpoint(b"weights")))
+
+    assert peer.kept.told == [("checkpoint", "a1")]
 
 
 def test_the_supervisor_is_light() -> None:

@@ -33,15 +33,18 @@ export async function post(path, body) {
     throw new Refused({ title: "The server cannot be reached.", status: 0 });
   }
   if (response.ok) return response.json();
-  throw new Refused(await problemOf(response));
+  const kind = response.headers.get("Content-Type");
+  throw new Refused(problemIn(kind, await response.text(), response.status));
 }
 
 /**
- * @param {Response} response
- * @returns {Promise<Problem>}
+ * What an answer that is no success says.
+ * @param {string | null} kind its Content-Type
+ * @param {string} text
+ * @param {number} status
+ * @returns {Problem}
  */
-async function problemOf(response) {
-  const kind = response.headers.get("Content-Type") ?? "";
-  if (kind.includes("json")) return response.json();
-  return { title: `The server answered ${response.status}.`, status: response.status };
+export function problemIn(kind, text, status) {
+  if (kind?.includes("json")) return JSON.parse(text);
+  return { title: `The server answered ${status}.`, status };
 }

@@ -1,0 +1,144 @@
+"""Checkpoints on their way in: received, looked at, loaded once, kept, and made a policy's version.
+
+Only the policy process of the one loading sees torch; here the file's header is read, no more.
+"""
+
+import asyncio
+import hashlib
+from collections.abc import AsyncIterator, Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import NamedTuple
+
+from sqlalchemy import select
+from sqlalchemy.orm import Session
+
+from seek_model.checkpoint_header import BadCheckpoint, Header, read_header
+from server import blobs, policies
+from server.blobs import Blobs
+from server.models import Policy, PolicyVersion
+from server.problems import Problem, invalid
+from workers.policies import NO_TORCH, BadPolicy, Checkpoint, has_torch
+from workers.protocol import CheckpointPolicy
+
+CHECK_LIMIT = 300.0  # s for importing torch, building the network and reading its weights
+STILL_LIMIT = 60.0  # s without a byte, after which an upload is given up
+NO_ROOM = "The server's disk is almost full; nothing was kept."
+
+
+class Received(NamedTuple):
+    """A file that came in whole; it is gone when its `receiving` ends, unless it was taken."""
+
+    path: Path
+    sha256: str
+    size: int  # bytes
+
+
+@contextmanager
+def receiving(store: Blobs) -> Iterator[Path]:
+    """A path for an upload; nothing is left there afterwards, a server's death included."""
+    part = store.new_part()
+    try:
+        yield part
+    finally:
+        part.unlink(missing_ok=True)
+
+
+async def receive(
+    pieces: AsyncIterator[bytes], path: Path, *, limit: int, has_room: Callable[[], bool]
+) -> Received:
+    """Writes what comes to a file.
+
+    Args:
+        limit: bytes that a checkpoint may have.
+        has_room: asked while it grows.
+
+    Raises:
+        Problem: 408, it stood still; 413, it is too large; 422, nothing came; 507, no room.
+        ClientDisconnect: it broke off.
+    """
+    digest, size = hashlib.sha256(), 0
+    now = asyncio.get_running_loop().time
+    try:
+        async with asyncio.timeout(STILL_LIMIT) as still:
+            with path.open("xb", buffering=0) as file:
+                async for piece in pieces:
+                    still.reschedule(now() + STILL_LIMIT)
+                    size += len(piece)
+                    if size > limit:
+                        raise too_large(limit)
+                    if not has_room():
+                        raise Problem(507, "no_room", NO_ROOM)
+                    file.write(piece)
+                    digest.update(piece)
+    except TimeoutError:
+        message = f"No byte came for {STILL_LIMIT:g} s; the upload was given up."
+        raise Problem(408, "too_slow", message) from None
+    if not size:
+        raise invalid("body", "is empty; send the checkpoint's bytes as they are")
+    return Received(path, digest.hexdigest(), size)
+
+
+def too_large(limit: int) -> Problem:
+    """A checkpoint is larger than the server takes."""
+    message = f"A checkpoint has at most {limit} bytes here; HIDE_SERVER_CHECKPOINT_LIMIT says so."
+    return Problem(413, "too_large", message)
+
+
+def require_torch() -> None:
+    """Does nothing if checkpoints can be played here.
+
+    Raises:
+        Problem: 503, they cannot; it tells what to install.
+    """
+    if not has_torch():
+        raise Problem(503, "no_torch", f"{NO_TORCH}, then start the server again.")
+
+
+def header_of(received: Received) -> Header:
+    """What the file says of itself.
+
+    Raises:
+        Problem: 422, it is no checkpoint, and what the first mismatch is.
+    """
+    try:
+        return read_header(received.path)
+    except BadCheckpoint as error:
+        raise invalid("body", f"is no checkpoint: {error}") from None
+
+
+def require_loads(received: Received) -> None:
+    """Loads it once, in a process of its own: better now than in every episode.
+
+    Raises:
+        Problem: 422, it cannot be loaded, and what the first mismatch is.
+    """
+    try:
+        Checkpoint.of_file(received.path, received.sha256).check(CHECK_LIMIT)
+    except BadPolicy as error:
+        reason = str(error).removeprefix(f"{received.path.name} ")
+        raise invalid("body", reason) from None
+
+
+def known(session: Session, name: str, sha256: str) -> PolicyVersion | None:
+    """The version of this policy that plays this file, if there is one."""
+    found = (
+        select(PolicyVersion)
+        .join(Policy)
+        .where(Policy.name == name, PolicyVersion.spec["sha256"].as_string() == sha256)
+        .order_by(PolicyVersion.number.desc())
+    )
+    return next((one for one in session.scalars(found) if one.spec["kind"] == "checkpoint"), None)
+
+
+def keep(
+    session: Session, received: Received, *, name: str, description: str, model: str
+) -> PolicyVersion:
+    """The next version of a policy, whose file is in its place.
+
+    Raises:
+        Problem: 422, the name is a built-in policy's.
+    """
+    blobs.note(session, received.sha256, received.size, blobs.CHECKPOINT)
+    spec = CheckpointPolicy(sha256=received.sha256, size=received.size, model=model)
+    return policies.register(session, name, spec, description=description)
