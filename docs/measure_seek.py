@@ -122,9 +122,7 @@ def measures(paper: bool) -> Iterator[tuple[str, Callable[[], float]]]:
 def _without_clip(name: str) -> Config:
     """CLIP's file is not part of the package; the small reader takes its place."""
     config, small = preset(name), preset("seek-small").model.language
-    return config.model_copy(
-        update={"model": config.model.model_copy(update={"language": small})}
-    )
+    return config.model_copy(update={"model": config.model.model_copy(update={"language": small})})
 
 
 def main() -> None:
