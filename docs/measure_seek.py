@@ -20,7 +20,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 from seek_model import losses
 from seek_model.config import Config
 from seek_model.memory import Archive, write
-from seek_model.network import Network
+from seek_model.network import Network, parameter_counts
 from seek_model.presets import MODELS, preset
 from tests.seek_model.tiny import frames, targets
 
@@ -94,11 +94,10 @@ def reading(config: Config, entries: int) -> Callable[[], float]:
 def sizes() -> None:
     """Parameters of every preset, in millions; readers of instructions apart."""
     for name in MODELS:
-        with torch.device("meta"):
-            parts = Network(preset(name).model).parts()
-        counts = {part: sum(p.numel() for p in found) / 1e6 for part, found in parts.items()}
+        found = parameter_counts(preset(name).model)
+        counts = {part: count / 1e6 for part, count in found.items()}
         reader = counts.pop("language")
-        line = ", ".join(f"{part} {count:.2f}" for part, count in counts.items() if count)
+        line = ", ".join(f"{part} {count:.2f}" for part, count in counts.items())
         print(f"{name:20} {sum(counts.values()):7.2f} M ({line}) + reader {reader:.2f} M")
 
 

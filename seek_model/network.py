@@ -225,6 +225,14 @@ class Network(nn.Module):
         return said
 
 
+def parameter_counts(model: Model) -> dict[str, int]:
+    """How many parameters each part of a network has, frozen ones too; nothing is allocated."""
+    with torch.device("meta"):
+        parts = Network(model).parts()
+    counts = {name: sum(one.numel() for one in found) for name, found in parts.items()}
+    return {name: count for name, count in counts.items() if count}
+
+
 def make_language(settings: Language) -> WordReader | ClipText | MiniLM:
     """The reader of instructions."""
     if settings.kind == "clip":

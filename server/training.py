@@ -44,6 +44,7 @@ def train(recipe: str, data: Path, out: Path | None, *, resume: bool, steps_scal
     """
     require_torch()
     config = configuration(recipe, steps_scale)
+    from seek_model.network import parameter_counts
     from seek_model.store import StoreError
     from seek_model.trainer import TrainingError
     from seek_model.training import train as run
@@ -54,6 +55,7 @@ def train(recipe: str, data: Path, out: Path | None, *, resume: bool, steps_scal
         try:
             store = keyframes(data, config.model.views, reporter)
             reporter.say(f"{folder}: {config.name} on {store.path}")
+            reporter.say(size(parameter_counts(config.model)))
             return run(config, store.path, folder, resume, reporter)
         except (StoreError, TrainingFolderError) as error:
             raise BadUsage(str(error)) from None
@@ -168,6 +170,12 @@ class Bar(Reporter):
 
     def stepped(self, step: Step) -> None:
         self.progress.update(self.row, completed=step.step, pace=pace(step))
+
+
+def size(counts: Mapping[str, int]) -> str:
+    """Parameters of a network and of its parts."""
+    parts = ", ".join(f"{name} {count / 1e6:.2f}" for name, count in counts.items())
+    return f"{sum(counts.values()) / 1e6:.2f} million parameters: {parts}"
 
 
 def pace(step: Step) -> str:

@@ -2,7 +2,7 @@ import pytest
 import torch
 
 from seek_model.config import Config
-from seek_model.network import Network
+from seek_model.network import Network, parameter_counts
 from seek_model.presets import ABLATIONS, MODELS, NAMES, preset
 from tests.seek_model.tiny import tiny
 
@@ -90,3 +90,13 @@ def test_the_rows_of_a_table_differ_from_each_other() -> None:
 def test_an_unknown_preset_names_the_nearest() -> None:
     with pytest.raises(ValueError, match="Did you mean seek-small"):
         preset("seek-smal")
+
+
+def test_the_counts_of_parts_add_up_to_the_network() -> None:
+    model = tiny().model
+
+    counts = parameter_counts(model)
+
+    assert sum(counts.values()) == sum(p.numel() for p in Network(model).parameters())
+    assert counts["memory"] > 0
+    assert "memory" not in parameter_counts(tiny("sam2act-small").model)
