@@ -19,6 +19,7 @@ from seek_model.memory import Archive
 from seek_model.network import Network, Predictions
 from seek_model.views import LOOKS
 
+CPU = torch.device("cpu")
 FINGER = 0.04  # m from shut to open, each
 MOVED = 0.002  # m that the tip has moved when a plan was carried out
 TURNED = 1.0  # degrees
@@ -32,8 +33,8 @@ class SeekPolicy:
     the arm moved or was not asked to. So an action for which no path was found leaves no trace.
     """
 
-    def __init__(self, network: Network, config: Config):
-        self.network, self.config = network.eval(), config
+    def __init__(self, network: Network, config: Config, device: torch.device = CPU):
+        self.network, self.config, self.device = network.eval().to(device), config, device
         self.reset("", 0)
 
     def reset(self, instruction: str, policy_seed: int) -> None:
@@ -48,7 +49,7 @@ class SeekPolicy:
     def act(self, observation: Observation) -> Keyframe:
         """The next keyframe."""
         self._settle(observation.gripper_pose)
-        frames = frames_of(observation, self._decision, self.config)
+        frames = frames_of(observation, self._decision, self.config).to(self.device)
         predictions, self._pending = self.network.play(frames, self._archives)
         action = keyframe(predictions)
         self._asked = observation.gripper_pose, action.pose
@@ -83,7 +84,7 @@ class SeekPolicy:
 
 
 def load(path: Path | str) -> SeekPolicy:
-    """The policy of a checkpoint.
+    """The policy of a checkpoint, on the first GPU if there is one.
 
     Raises:
         BadCheckpoint: the first thing that is wrong with the file.
@@ -95,7 +96,7 @@ def load(path: Path | str) -> SeekPolicy:
             f"config: {config.name} looks back where the demonstration's annotation says; "
             "it can be validated, but there is no annotation when it plays"
         )
-    return SeekPolicy(network, config)
+    return SeekPolicy(network, config, torch.device("cuda") if torch.cuda.is_available() else CPU)
 
 
 def carried_out(
@@ -137,10 +138,10 @@ def keyframe(predictions: Predictions) -> Keyframe:
     """The action of a single frame's predictions."""
     said, place = predictions.said, predictions.position
     assert said is not None and place is not None, "a network plays with all of its branches"
-    bins = said.rotation[0].argmax(dim=-1).numpy()
+    bins = said.rotation[0].argmax(dim=-1).cpu().numpy()
     stop = predictions.coarse.stop
     low, high = np.array(BOUNDS).T
-    position = np.clip(from_cube(place[0].double().numpy()), low, high).round(DIGITS)
+    position = np.clip(from_cube(place[0].double().cpu().numpy()), low, high).round(DIGITS)
     return Keyframe.at(
         np.concatenate([position, rotations.decode(bins)]),
         opening=float(said.opening[0].argmax()),
