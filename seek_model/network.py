@@ -46,7 +46,7 @@ class Rows(NamedTuple):
 class Predictions(NamedTuple):
     """What a network says of frames: all of them in play, the supervised ones in training."""
 
-    rows: Rows
+    rows: Rows  # of the frames that were given
     coarse: Coarse
     fine: Fine | None
     said: Said | None
@@ -105,16 +105,17 @@ class Network(nn.Module):
         kept = targets.supervised[rows.sequence, rows.step]
         coarse = joined(parts, kept)
         rows = Rows(rows.sequence[kept], rows.step[kept])
+        whole = Rows(rows.sequence, rows.step + first)
         true = targets.at(rows.sequence, rows.step)
         if coarse_only:
-            return Predictions(rows, coarse, None, None, None)
+            return Predictions(whole, coarse, None, None, None)
         if self.fine is None:
             said = self._joint(coarse, true.rotation)
-            return Predictions(rows, coarse, None, said, None)
+            return Predictions(whole, coarse, None, said, None)
         noise = torch.rand_like(true.position) * 2 - 1
         center = true.position + noise * zoom_noise * SCALE
         fine = self._look_closely(frames, rows, center, (true.position, true.rotation))
-        return Predictions(rows, coarse, fine, fine.said, None)
+        return Predictions(whole, coarse, fine, fine.said, None)
 
     @torch.no_grad()
     def play(

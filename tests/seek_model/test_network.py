@@ -5,7 +5,8 @@ import pytest
 import torch
 from torch import Tensor
 
-from seek_model.config import ConvFilm, Memory, Model, Views
+from seek_model import losses
+from seek_model.config import ConvFilm, Memory, Model, Phase, Train, Views
 from seek_model.frames import Frames
 from seek_model.memory import Archive
 from seek_model.network import Network, Predictions
@@ -221,6 +222,36 @@ def test_frames_that_are_not_supervised_count_for_nothing() -> None:
 
     pairs = list(zip(rows.sequence.tolist(), rows.step.tolist(), strict=True))
     assert sorted(pairs) == [(0, 1), (0, 2), (1, 0)]
+
+
+def test_predictions_name_the_frames_that_were_given_whatever_lies_in_the_past() -> None:
+    seen = frames(2, 5)
+    supervised = torch.zeros(2, 5, dtype=torch.bool)
+    supervised[0, 2:4] = supervised[1, 3:] = True
+
+    rows = network()(seen, targets(seen, supervised), coarse_only=True).rows
+
+    pairs = list(zip(rows.sequence.tolist(), rows.step.tolist(), strict=True))
+    assert sorted(pairs) == [(0, 2), (0, 3), (1, 3), (1, 4)]
+
+
+def test_a_past_makes_no_loss_of_its_own() -> None:
+    """The memory-free loss of a window is the same with its past in front and without."""
+    torch.manual_seed(1)
+    net, seen = network(None), frames(1, 5)
+    wanted = targets(seen, torch.tensor([[False, False, True, True, True]]))
+    window = seen.between(2, 5)
+    own = dataclasses.replace(
+        wanted, **{name: value[:, 2:] for name, value in vars(wanted).items()}
+    )
+    phase = Phase(steps=1, horizon=1, warmup=0, batch=1, frames=3, loss="coarse")
+
+    long, short = (
+        losses.total(net(some, true, coarse_only=True), true, net, Train(), phase)
+        for some, true in ((seen, wanted), (window, own))
+    )
+
+    assert torch.allclose(long["translation"], short["translation"], atol=1e-6)
 
 
 def test_a_network_with_memory_says_the_whole_action() -> None:
