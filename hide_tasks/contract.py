@@ -232,12 +232,26 @@ def _fault(value: object, place: tuple[int | str, ...], message: str) -> str:
 # --- policies -----------------------------------------------------------------------------------
 
 
-class Belief(_Frozen):
-    """What a policy believes of the hidden state, if it says so."""
+class Attention(_Frozen):
+    """How much of its look back a policy spends on one memory."""
 
-    stage_count: int | None = None
-    anchor_index: int | None = None
+    view: Annotated[str, Field(max_length=40)]  # of the policy's own views
+    slot: Annotated[str, Field(max_length=40)]  # the memory looked at, e.g. "window 1"
+    weight: Annotated[float, Field(ge=0.0, le=1.0)]  # a view's weights sum to 1
+
+
+class Belief(_Frozen):
+    """What a policy believes of the hidden state, if it says so.
+
+    A decision is named by its number in the episode, from 0.
+    """
+
+    stage_count: int | None = None  # how many stages it holds to be done
+    boundary: Annotated[float, Field(ge=0.0, le=1.0)] | None = None  # that one ends here
+    window: Annotated[tuple[int, ...], Field(max_length=64)] | None = None  # recent decisions
+    anchor_index: int | None = None  # the older decision that it looks back at
     anchor_similarity: float | None = None
+    attention: Annotated[tuple[Attention, ...], Field(max_length=512)] = ()
 
 
 @runtime_checkable

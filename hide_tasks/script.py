@@ -3,6 +3,7 @@
 import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -12,21 +13,34 @@ from hide_tasks.contract import EpisodeSpec, HiddenState, Keyframe, Observation,
 from hide_tasks.task import Move, Stage, Task
 
 
-def script(task: Task, detour: int | None = None) -> Iterator[tuple[str, Keyframe]]:
+class Step(NamedTuple):
+    """A keyframe of a script and the stage that it belongs to."""
+
+    number: int  # of the stage, from 0; a name may come again
+    stage: str
+    keyframe: Keyframe
+
+
+def steps(task: Task, detour: int | None = None) -> Iterator[Step]:
     """The keyframes of the expert, or of a detour, with their stages; the last one says stop.
 
     A keyframe is read when it is asked for, so the one before must have been carried out.
     """
     moves = _moves(task.expert() if detour is None else task.detours()[detour])
-    name, move = next(moves)
-    for next_name, next_move in moves:
-        yield name, move()
-        name, move = next_name, next_move
-    yield name, move().model_copy(update={"stop": True})
+    number, name, move = next(moves)
+    for following in moves:
+        yield Step(number, name, move())
+        number, name, move = following
+    yield Step(number, name, move().model_copy(update={"stop": True}))
 
 
-def _moves(stages: Iterator[Stage]) -> Iterator[tuple[str, Move]]:
-    return ((stage.name, move) for stage in stages for move in stage.moves)
+def script(task: Task, detour: int | None = None) -> Iterator[tuple[str, Keyframe]]:
+    """The same as stages' names and keyframes."""
+    return ((step.stage, step.keyframe) for step in steps(task, detour))
+
+
+def _moves(stages: Iterator[Stage]) -> Iterator[tuple[int, str, Move]]:
+    return ((i, stage.name, move) for i, stage in enumerate(stages) for move in stage.moves)
 
 
 @dataclass(frozen=True)
