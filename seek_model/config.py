@@ -187,6 +187,7 @@ class Train(_Config):
     """How a model is trained; the defaults are those of the small presets."""
 
     tasks: tuple[str, ...] = ()  # empty: all that the data has
+    start: str = ""  # a checkpoint of the first phase, which is then left out
     first: Phase = Phase(steps=10_000, horizon=10_000, warmup=500, batch=16)
     second: Phase = Phase(
         steps=800, horizon=800, warmup=50, batch=8, frames=7, rate=4e-4, decay=0.0

@@ -19,8 +19,8 @@ def total(
     """Each loss by name, and their sum, `total`.
 
     Translation is the mean over the views of both looks; the other parts of the action count
-    once each (models.md 1.8). A phase whose loss is `coarse` trains the coarse target alone,
-    besides the memory's own boundary.
+    once each (models.md 1.8). A phase whose loss is `coarse` trains what the coarse branch says:
+    the target, where stages end, and when to stop.
     """
     true = targets.at(predictions.rows.sequence, predictions.rows.step)
     found = _where(predictions, true, network)
@@ -34,7 +34,7 @@ def total(
     weights = {"boundary": train.stage_weight, "stop": train.stop_weight}
     if predictions.coarse.boundary is not None:
         found["boundary"] = _rare(predictions.coarse.boundary, true.boundary)
-    if predictions.coarse.stop is not None and phase.loss == "all":
+    if predictions.coarse.stop is not None:
         # Unweighted: a stop too early costs the episode, one too late a decision.
         stop = predictions.coarse.stop.float()
         found["stop"] = binary_cross_entropy_with_logits(stop, true.stop)

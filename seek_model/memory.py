@@ -144,7 +144,6 @@ class StageCounterMemory(nn.Module):
     def __init__(self, stages: int, channels: int):
         super().__init__()
         self.embedding = nn.Embedding(stages, channels)
-        nn.init.trunc_normal_(self.embedding.weight, std=0.5)
 
     def forward(self, archives: Sequence[Archive]) -> Float[Tensor, "e c"]:
         last = self.embedding.num_embeddings - 1

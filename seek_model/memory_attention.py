@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import torch
 from einops import rearrange, repeat
-from jaxtyping import Float
+from jaxtyping import Complex, Float
 from torch import Tensor, nn
 
 from seek_model import config
@@ -19,6 +19,7 @@ from seek_model.attention import weigh
 from seek_model.memory import Slots
 
 BASE = 10_000.0  # of the wavelengths, as in RoPE and SAM 2
+CODE_SCALE = 0.5  # of the codes of age at first; from SAM 2's 0.02 ages are told apart much later
 POSITION_SHARE = 0.1  # of the places' code that is added to the features (SAM 2)
 
 
@@ -47,12 +48,15 @@ def rotary_angles(cells: int, channels: int) -> Float[Tensor, "n half"]:
     return torch.cat([by_column, by_row], dim=-1)
 
 
-def turned(x: Float[Tensor, "b n d"], angles: Float[Tensor, "n half"]) -> Tensor:
+def turns(angles: Float[Tensor, "n half"]) -> Complex[Tensor, "n half"]:
+    """The angles as complex numbers of length 1."""
+    return torch.polar(torch.ones_like(angles), angles)
+
+
+def turned(x: Float[Tensor, "b n d"], by: Complex[Tensor, "n half"]) -> Tensor:
     """Each pair of channels, turned by its cell's angle."""
-    first, second = rearrange(x.float(), "b n (half two) -> two b n half", two=2)
-    cos, sin = angles.cos(), angles.sin()
-    pairs = torch.stack([first * cos - second * sin, first * sin + second * cos], dim=-1)
-    return pairs.flatten(-2).to(x.dtype)
+    pairs = torch.view_as_complex(x.float().view(*x.shape[:-1], -1, 2))
+    return torch.view_as_real(pairs * by).flatten(-2).to(x.dtype)
 
 
 class Look(nn.Module):
@@ -118,7 +122,7 @@ class _Read(NamedTuple):
     keys: Tensor  # b m c, with the codes of place and age
     values: Tensor  # b m c
     mask: Tensor  # b 1 1 m
-    angles: Tensor  # n half
+    angles: Tensor  # n half, complex
     key_angles: Tensor  # m half; zero for the stage, which is nowhere
     distances: Tensor  # n m, squared, in cells
 
@@ -139,10 +143,8 @@ class MemoryAttention(nn.Module):
         self.norm = nn.LayerNorm(channels)
         # With the gate shut the features are exactly those that stage 1 trained (models.md A10).
         self.gate = nn.Parameter(torch.zeros(channels)) if settings.gate else None
-        self.age = nn.Parameter(
-            nn.init.trunc_normal_(torch.empty(slots, settings.channels), std=0.02)
-        )
-        self.stage = nn.Parameter(nn.init.trunc_normal_(torch.empty(settings.channels), std=0.02))
+        self.age = nn.Parameter(CODE_SCALE * torch.randn(slots, settings.channels))
+        self.stage = nn.Parameter(CODE_SCALE * torch.randn(settings.channels))
         self.cells, self.slots = cells, slots
         angles = rotary_angles(cells, channels)
         nowhere = torch.zeros(1, angles.shape[1])
@@ -187,8 +189,8 @@ class MemoryAttention(nn.Module):
             keys=torch.cat([coded.flatten(1, 2), stage + self.stage], dim=1),
             values=torch.cat([entries.flatten(1, 2), stage], dim=1),
             mask=torch.cat([shown, always], dim=1)[:, None, None],
-            angles=self.angles,
-            key_angles=self.key_angles,
+            angles=turns(self.angles),
+            key_angles=turns(self.key_angles),
             distances=self.distances,
         )
 

@@ -98,7 +98,8 @@ class Run:
         self.group.wait()  # nobody writes before all have read
         self.trained = state["seconds"] if state else 0.0
         phases = _phases(self.config)
-        before: dict[str, Tensor] | None = None
+        start = self.config.train.start
+        before = _started(Path(start), self.config) if start and not state else None
         for name in phases[phases.index(state["phase"]) if state else 0 :]:
             self.trainer = Trainer(name, self.config, self.group, before)
             if state:
@@ -208,10 +209,31 @@ class Run:
             checkpoint.save(self.out / name, trainer.averaged, trainer.config, provenance)
 
 
+def _started(path: Path, config: Config) -> dict[str, Tensor]:
+    """The weights of a memory-free checkpoint that the second phase goes on from.
+
+    Raises:
+        TrainingError: it cannot be used, or is of another model.
+    """
+    try:
+        network, there, _ = checkpoint.load(path)
+    except (checkpoint.BadCheckpoint, OSError) as error:
+        raise TrainingError(f"train.start = {path} cannot be used: {error}") from None
+    wanted = config.model.model_copy(update={"memory": None}).model_dump()
+    for key, value in there.model.model_dump().items():
+        if value != wanted[key]:
+            raise TrainingError(
+                f"train.start = {path} has model.{key} = {value}; expected {wanted[key]}"
+            )
+    return checkpoint.weights(network)
+
+
 def _phases(config: Config) -> list[str]:
     """Those that are trained."""
     names = [name for name in PHASES if getattr(config.train, name).steps]
     phases = [name for name in names if name == PHASES[0] or config.model.memory]
+    if config.train.start:
+        phases = [name for name in phases if name == PHASES[1]]
     if not phases:
         raise TrainingError("Nothing to train: train.first.steps is 0, and there is no second.")
     return phases

@@ -44,14 +44,14 @@ def test_the_total_is_the_sum_of_all_with_the_boundary_weighed() -> None:
     assert torch.allclose(thrice["total"] - once["total"], 2 * once["boundary"])
 
 
-def test_a_coarse_phase_trains_target_and_boundary_alone() -> None:
+def test_a_coarse_phase_trains_what_the_coarse_branch_says() -> None:
     net, seen = network(), frames(2, 2)
     wanted = targets(seen)
     coarse = PHASE.model_copy(update={"loss": "coarse"})
 
     found = losses.total(net(seen, wanted, coarse_only=True), wanted, net, TRAIN, coarse)
 
-    assert set(found) == {"translation", "boundary", "total"}
+    assert set(found) == {"translation", "boundary", "stop", "total"}
 
 
 def test_the_fine_map_is_judged_about_its_own_center() -> None:

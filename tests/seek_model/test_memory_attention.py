@@ -4,7 +4,13 @@ from torch import Tensor
 from seek_model.attention import attend, weigh
 from seek_model.config import Memory
 from seek_model.memory import Slots
-from seek_model.memory_attention import MemoryAttention, rotary_angles, sine_code, turned
+from seek_model.memory_attention import (
+    MemoryAttention,
+    rotary_angles,
+    sine_code,
+    turned,
+    turns,
+)
 
 CELLS, CHANNELS = 4, 16
 SETTINGS = Memory(window=2, channels=8, layers=2, feedforward=16, dropout=0.0)
@@ -36,7 +42,7 @@ def test_every_cell_has_its_own_code_of_place() -> None:
 def test_rotary_products_depend_on_the_difference_of_places_alone() -> None:
     torch.manual_seed(0)
     q, k = torch.randn(2, 1, 1, 16)
-    angles = rotary_angles(8, 16).view(8, 8, -1)
+    angles = turns(rotary_angles(8, 16)).view(8, 8, -1)
 
     def product(one: tuple[int, int], other: tuple[int, int]) -> Tensor:
         at = turned(q, angles[one][None]) * turned(k, angles[other][None])
@@ -49,7 +55,9 @@ def test_rotary_products_depend_on_the_difference_of_places_alone() -> None:
 def test_a_turn_keeps_lengths() -> None:
     x = torch.randn(2, 16, 16)
 
-    assert torch.allclose(turned(x, rotary_angles(4, 16)).norm(dim=-1), x.norm(dim=-1), atol=1e-5)
+    assert torch.allclose(
+        turned(x, turns(rotary_angles(4, 16))).norm(dim=-1), x.norm(dim=-1), atol=1e-5
+    )
 
 
 def test_each_view_reads_with_its_own_cells_code() -> None:

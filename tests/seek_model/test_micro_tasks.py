@@ -6,6 +6,7 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from seek_model.micro_matrix import ALL, MEMORIES, model, play
 from seek_model.micro_tasks import (
     AGO,
     CHANCE,
@@ -18,8 +19,10 @@ from seek_model.micro_tasks import (
     Step,
     collate,
     draw,
+    single_frames,
     training_batch,
 )
+from seek_model.network import Network
 
 seeds = st.integers(0, 2**32 - 1)
 few = settings(max_examples=15)
@@ -156,3 +159,38 @@ def test_stages_count_the_boundaries_before_a_step(seed: int) -> None:
     before = targets.boundary.cumsum(dim=1) - targets.boundary
     assert torch.equal(targets.stage, before.long())
     assert targets.stage[0, 0] == 0
+
+
+def test_single_frames_stand_alone() -> None:
+    frames, targets = single_frames(np.random.default_rng(0), 12)
+
+    assert frames.shape == (12, 1)
+    assert frames.present.all()
+    assert targets.supervised.all()
+
+
+@pytest.mark.parametrize("memory", ["none", "wcm+pam+scm"])
+def test_a_network_answers_for_the_supervised_steps(memory: str) -> None:
+    torch.manual_seed(0)
+    network = Network(model(MEMORIES[memory]))
+    frames, targets = training_batch(np.random.default_rng(1), 2)
+
+    said = network(frames, targets, coarse_only=True)
+
+    answered = torch.zeros_like(targets.supervised)
+    answered[said.rows.sequence, said.rows.step] = True
+    assert torch.equal(answered, targets.supervised)
+
+
+def test_play_answers_at_every_step_and_counts_only_its_own_boundaries() -> None:
+    torch.manual_seed(0)
+    network = Network(model(ALL)).eval()
+    one = draw(np.random.default_rng(2), "cue")
+
+    played = play(network, [one, draw(np.random.default_rng(3), "outcome")])
+
+    steps = len(one.steps)
+    assert played.place.shape == (2, max(steps, 10), 3)
+    assert (played.done[0, -steps:].diff() <= 1).all()
+    assert (played.anchor[0, -steps:][: WINDOW + 1] == -1).all()
+    assert (played.anchor[0, -steps:][WINDOW + 1 :] >= 0).all()

@@ -359,3 +359,26 @@ def test_a_pace_leaves_out_what_is_not_training(monkeypatch: pytest.MonkeyPatch)
     assert pace.samples_per_second == 4.0
     assert pace.loader_share == 0.25
     assert pace.left(done=2) == 16.0
+
+
+def test_the_second_phase_can_start_from_a_checkpoint(
+    store: Path, whole: Path, tmp_path: Path
+) -> None:
+    """Ablations share one first phase: the memory comes out as if it had been trained along."""
+    start = whole / "checkpoint-first.safetensors"
+
+    train(tiny(start=str(start)), store, tmp_path / "out")
+
+    assert not (tmp_path / "out" / "checkpoint-first.safetensors").exists()
+    along, after = (weights(out / "checkpoint.safetensors") for out in (whole, tmp_path / "out"))
+    assert along == after
+
+
+def test_a_start_of_another_model_is_refused(store: Path, whole: Path, tmp_path: Path) -> None:
+    config = tiny(start=str(whole / "checkpoint-first.safetensors"))
+    other = config.model.model_copy(update={"clock": True})
+
+    with pytest.raises(TrainingError, match=r"model\.clock = False; expected True"):
+        train(config.model_copy(update={"model": other}), store, tmp_path / "out")
+    with pytest.raises(TrainingError, match="cannot be used"):
+        train(tiny(start="nowhere.safetensors"), store, tmp_path / "another")
