@@ -190,7 +190,7 @@ class Train(_Config):
     start: str = ""  # a checkpoint of the first phase, which is then left out
     first: Phase = Phase(steps=10_000, horizon=10_000, warmup=500, batch=16)
     second: Phase = Phase(
-        steps=800, horizon=800, warmup=50, batch=8, frames=7, rate=4e-4, decay=0.0
+        steps=800, horizon=800, warmup=50, batch=8, frames=7, rate=1e-3, decay=0.0
     )
     archive: Literal["prefix", "literal"] = "prefix"  # models.md A1: c, a
     augment: Augment = Augment()

@@ -66,6 +66,9 @@ class Look(nn.Module):
         super().__init__()
         self.q, self.k = nn.Linear(channels, channels), nn.Linear(memory, channels)
         self.v, self.out = nn.Linear(memory, channels), nn.Linear(channels, channels)
+        # torch's own start is a third as wide: what is found would be lost beside the features.
+        for layer in (self.q, self.k, self.v, self.out):
+            nn.init.xavier_uniform_(layer.weight)
 
     def forward(
         self,

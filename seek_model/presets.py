@@ -26,9 +26,7 @@ CLOCK = "+clock"
 # --- small: from scratch, on two processor cores ---
 
 _SMALL = Model(stop=True)
-_SMALL_MEMORY = Memory(
-    layers=2, feedforward=256, channels=48, dropout=0.0, gate=True, colocation=True
-)
+_SMALL_MEMORY = Memory(layers=2, feedforward=256, channels=48, dropout=0.0, colocation=True)
 
 # --- paper: SEEK's table of hyperparameters, RVT's and SAM2Act's configurations ---
 
