@@ -18,7 +18,7 @@ import torch
 from torch import Tensor
 
 from seek_model import checkpoint, sampling, training_folder
-from seek_model.checkpoint_header import Provenance
+from seek_model.checkpoint_header import BadCheckpoint, Provenance
 from seek_model.config import Config, Views
 from seek_model.distributed import Group, joined
 from seek_model.progress import PHASES, Journal, Pace, Step, Watcher, journal
@@ -217,7 +217,7 @@ def _started(path: Path, config: Config) -> dict[str, Tensor]:
     """
     try:
         network, there, _ = checkpoint.load(path)
-    except (checkpoint.BadCheckpoint, OSError) as error:
+    except (BadCheckpoint, OSError) as error:
         raise TrainingError(f"train.start = {path} cannot be used: {error}") from None
     wanted = config.model.model_copy(update={"memory": None}).model_dump()
     for key, value in there.model.model_dump().items():
