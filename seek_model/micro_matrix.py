@@ -70,7 +70,7 @@ class Schedule(BaseModel):
 
     first: Phase = Phase(steps=500, horizon=500, warmup=20, batch=32, loss="coarse", rate=3e-3)
     second: Phase = Phase(
-        steps=320, horizon=320, warmup=10, batch=24, frames=7, loss="coarse", rate=3e-3
+        steps=450, horizon=450, warmup=10, batch=24, frames=7, loss="coarse", rate=3e-3
     )
     tasks: tuple[str, ...] = tuple(TASKS)
     episodes: int = 100  # played, of each task

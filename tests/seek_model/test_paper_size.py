@@ -5,6 +5,7 @@ import torch
 
 from seek_model.config import Config, Language
 from seek_model.distributed import Group
+from seek_model.memory import write
 from seek_model.network import Network
 from seek_model.presets import preset
 from seek_model.trainer import Trainer
@@ -53,13 +54,14 @@ def test_a_decision_at_paper_size_reads_six_entries_and_an_anchor() -> None:
     torch.manual_seed(0)
     net = Network(seek().model).eval()
     archives, seen = net.begin(1), frames(1, 1, points=20_000)
-    for _ in range(8):
-        said, pending = net.play(seen, archives)
-        assert pending
-        pending.commit()
+    for decision in range(7):
+        write(archives[0], decision, torch.randn(3 * 128), torch.randn(3, 256, 64))
+
+    said, pending = net.play(seen, archives)
 
     recalled = said.coarse.recalled
     assert recalled and recalled.slots.tokens.shape == (1, 3, 7, 256, 64)
     assert recalled.slots.windows == [[1, 2, 3, 4, 5, 6]]
     assert recalled.slots.anchors[0] and recalled.slots.anchors[0].entry.decision == 0
     assert said.position is not None
+    assert pending and pending.tokens.shape == (1, 3, 256, 64)

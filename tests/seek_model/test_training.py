@@ -173,6 +173,7 @@ def test_a_stopped_training_is_saved_and_goes_on(
     store: Path, whole: Path, tmp_path: Path, at: tuple[str, int]
 ) -> None:
     out, watch = tmp_path / "out", Stopping(*at)
+    before = signal.getsignal(signal.SIGINT)
 
     with pytest.raises(KeyboardInterrupt):
         train(tiny(), store, out, watch=watch)
@@ -184,7 +185,7 @@ def test_a_stopped_training_is_saved_and_goes_on(
     assert state and (state["phase"], state["step"]) == at
     assert f"after step {at[1]} of phase {at[0]}" in watch.said
     assert rows(out) == rows(whole)
-    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    assert signal.getsignal(signal.SIGINT) is before
 
 
 def test_a_finished_training_is_left_as_it_is(store: Path, whole: Path) -> None:
