@@ -10,19 +10,9 @@ import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
+from seek_model.upsampling import ImageNorm
+
 PROPRIOCEPTION = 10  # position, two axes of the rotation, opening
-
-
-class LayerNorm2d(nn.Module):
-    """Layer normalisation over the channels of an image."""
-
-    def __init__(self, channels: int):
-        super().__init__()
-        self.norm = nn.LayerNorm(channels)
-
-    def forward(self, image: Float[Tensor, "n c h w"]) -> Tensor:
-        normed: Tensor = self.norm(image.movedim(1, -1)).movedim(-1, 1)
-        return normed
 
 
 class ConvNeXtBlock(nn.Module):
@@ -31,7 +21,7 @@ class ConvNeXtBlock(nn.Module):
     def __init__(self, channels: int):
         super().__init__()
         self.within = nn.Conv2d(channels, channels, 7, padding=3, groups=channels)
-        self.norm = LayerNorm2d(channels)
+        self.norm = ImageNorm(channels)
         self.across = nn.Sequential(
             nn.Conv2d(channels, 4 * channels, 1), nn.GELU(), nn.Conv2d(4 * channels, channels, 1)
         )
@@ -53,7 +43,7 @@ class HeatmapReader(nn.Module):
         layers: list[nn.Module] = []
         for before, width in pairwise(widths):
             conv = nn.Conv2d(before, width, 3, stride=2, padding=1)
-            layers += [conv, LayerNorm2d(width), nn.GELU()]
+            layers += [conv, ImageNorm(width), nn.GELU()]
         self.net = nn.Sequential(*layers, nn.Conv2d(widths[-1], channels, 1))
 
     def forward(self, heatmap: Float[Tensor, "n s s"]) -> Float[Tensor, "n d h w"]:

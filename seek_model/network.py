@@ -144,7 +144,7 @@ class Network(nn.Module):
         found = {
             "encoder": _parameters(encoders.values()),
             "lora": list(lora_parameters(self)),
-            "memory": _parameters([self.coarse.memory] if self.coarse.memory else []),
+            "memory": _parameters(self._of_memory()),
             "coarse_decoder": _parameters([self.coarse.decoder]),
             "language": _parameters([self.language]),
             "fine": _parameters([part for part in (self.fine, self.head) if part]),
@@ -155,6 +155,11 @@ class Network(nn.Module):
             others = {id(p) for part in ("encoder", "lora") if part != name for p in found[part]}
             found[name] = [p for p in found[name] if id(p) not in others]
         return found
+
+    def _of_memory(self) -> list[nn.Module]:
+        """What sees features with memory in them alone: the say that it is done is told anew."""
+        parts = (self.coarse.memory, self.coarse.stop) if self.coarse.memory else ()
+        return [part for part in parts if part is not None]
 
     # --- its steps ---
 

@@ -5,7 +5,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from seek_model import losses
+from seek_model import losses, optim
 from seek_model.config import ConvFilm, Memory, Model, Phase, Train, Views
 from seek_model.frames import Frames
 from seek_model.memory import Archive
@@ -325,3 +325,14 @@ def test_a_model_whose_parts_do_not_fit_is_refused() -> None:
         Model(views=Views(size=20), backbone=ConvFilm(widths=(8, 8, 8)))
     with pytest.raises(ValueError, match="single stage"):
         Model(views=Views(size=64, stages=1))
+
+
+def test_what_starts_anew_with_memory_is_trained_where_all_else_is_frozen() -> None:
+    """The stop head starts fresh in the second phase: frozen, it would stop at random."""
+    net, phase = network(), Phase(steps=1, horizon=1, warmup=0, batch=1, freeze=("all_but_memory",))
+
+    optim.freeze(net, phase)
+
+    assert net.coarse.stop
+    assert all(parameter.requires_grad for parameter in net.coarse.stop.parameters())
+    assert not net.coarse.trunk.position.requires_grad
