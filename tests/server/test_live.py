@@ -92,6 +92,7 @@ def test_a_cancelled_evaluation_stops_at_once_and_keeps_what_is_final(
     until(lambda: server.final(evaluation) >= 1, "an episode")
     episode = running_episode(server, evaluation)
     watching = Viewer(server.url + episode["recording"])
+    until(lambda: watching.content, "the first piece")
     below = [pid for worker in server.workers for pid in descendants(worker)]
     kept = [one for one in server.episodes(evaluation) if one["state"] == "final"]
 
