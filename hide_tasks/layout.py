@@ -10,6 +10,7 @@ from typing import TypeVar
 import numpy as np
 
 from hide_tasks.assets.asset import Asset
+from hide_tasks.assets.seat import Seat
 from hide_tasks.poses import Array, pose, quaternion
 
 TABLE_TOP = 0.752  # m, RLBench
@@ -37,6 +38,7 @@ class Layout:
     def __init__(self, rng: np.random.Generator):
         self.rng = rng
         self.assets: list[Asset] = []
+        self.seats: list[Seat] = []
 
     def add(self, asset: A, x: float, y: float, *, z: float = TABLE_TOP, yaw: float = 0.0) -> A:
         """The asset, standing at (x, y) and turned by `yaw` rad."""
@@ -49,6 +51,11 @@ class Layout:
         asset.at = at
         self.assets.append(asset)
         return asset
+
+    def seat(self, seat: Seat) -> Seat:
+        """A seat, from now on."""
+        self.seats.append(seat)
+        return seat
 
     def scatter(self, assets: Iterable[A], area: Area, *, gap: float, turn: float = 0.0) -> list[A]:
         """The assets at random places of the area, their circles at least `gap` apart.

@@ -8,7 +8,7 @@ from hide_tasks.amnesiac import Amnesiac
 from hide_tasks.bullet.world import World
 from hide_tasks.contract import Action, EpisodeSpec, Keyframe, Observation, Policy, Stop
 from hide_tasks.layout import BOUNDS
-from hide_tasks.motion import top_down
+from hide_tasks.motion.general import top_down
 from hide_tasks.script import script
 
 LOWEST = 0.77  # m, where random poses begin: a finger over the table

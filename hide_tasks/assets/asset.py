@@ -1,7 +1,7 @@
 """An asset is a tree of rigid links with shapes; the first link is its base.
 
 All lengths are metres, all masses kilograms. A link's frame coincides with its parent's when
-its joint reads zero.
+its joint reads zero. The frame of what is loose is its centre of mass.
 """
 
 from collections.abc import Sequence
@@ -39,6 +39,7 @@ class Joint:
     friction: float = 0.0  # N or N m of stiction
     detent: float = 0.0  # below this reading it snaps shut to exactly zero
     start: float = 0.0
+    origin: tuple[float, float, float] = (0, 0, 0)  # a point of a hinge's axis, base's frame
 
 
 @dataclass(frozen=True)
@@ -48,9 +49,10 @@ class Link:
     name: str
     shapes: tuple[Shape, ...]
     mass: float = 0.0  # the base only: 0 means fixed to the world
-    joint: Joint | None = None  # None for the base
+    joint: Joint | None = None  # None for the base, and for what is fixed to it
     graspable: bool = False
     friction: float = 0.8
+    damping: float = 0.0  # share of the velocity lost in a second
 
 
 class Body(Protocol):
@@ -65,6 +67,12 @@ class Body(Protocol):
     def joint(self, link: int) -> float:
         """The link's joint reading, m or rad, within its limits."""
 
+    def load(self, link: int = 0) -> float:
+        """How hard other things press on the link, N."""
+
+    def place(self, pose: Array) -> None:
+        """Put the base at a pose (7,), at rest."""
+
     def held(self) -> bool:
         """True while the gripper holds any link of it."""
 
@@ -77,6 +85,7 @@ class Asset:
     at: Array = field(init=False, default_factory=lambda: pose(0, 0, 0))
     body: Body = field(init=False, repr=False)
     interlocked: ClassVar[bool] = False  # at most one joint may leave its detent at a time
+    avoided: ClassVar[bool] = True  # the planner keeps away from it
     radius: ClassVar[float] = 0.05  # of the circle it needs on the table
 
     def pose(self, link: int = 0) -> Array:
@@ -87,6 +96,13 @@ class Asset:
     def position(self) -> tuple[float, float, float]:
         """The base's present position in the world; cheap enough for every physics step."""
         return self.body.position()
+
+    def drawn(self, link: int) -> Array | None:
+        """Where a link is drawn, pose (7,) in the world; None: it is not to be seen now."""
+        return self.pose(link)
+
+    def act(self) -> None:
+        """What it does by itself, after every physics step: nothing."""
 
     def frame(self, x: float, y: float, z: float, rotation: Array | None = None) -> Array:
         """A pose given in the frame of the base, as it stands in the world at the start."""

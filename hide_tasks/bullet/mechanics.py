@@ -14,13 +14,13 @@ SHUT = 2e-4  # m or rad: nearer than this it is put at exactly zero
 SLOW = 0.01  # m/s or rad/s
 
 
-def rest_motors(client: Client, body: int, joints: Sequence[Joint]) -> None:
+def rest_motors(client: Client, body: int, asset: Asset) -> None:
     """Set up what every joint does when nobody touches it: spring back, or stick."""
-    for index, joint in enumerate(joints):
-        if joint.spring:
-            _pull(client, body, index, joint.spring)
-        else:
-            _stick(client, body, index, joint.friction)
+    for index, link in enumerate(asset.links[1:]):
+        if link.joint and link.joint.spring:
+            _pull(client, body, index, link.joint.spring)
+        elif link.joint:
+            _stick(client, body, index, link.joint.friction)
 
 
 class Mechanics:
@@ -28,23 +28,22 @@ class Mechanics:
 
     def __init__(self, client: Client, body: int, asset: Asset):
         self.client, self.body = client, body
-        self.joints = [link.joint for link in asset.links[1:] if link.joint]
+        self.joints = {i: link.joint for i, link in enumerate(asset.links[1:]) if link.joint}
         self.interlocked = asset.interlocked
-        self.modes = ["free"] * len(self.joints)
+        self.modes = dict.fromkeys(self.joints, "free")
 
     def act(self, states: Sequence[Any], held_link: int | None) -> None:
         """React to the joints' states as read after a step."""
         opened = self._opened(states) if self.interlocked else None
-        for index, (joint, state) in enumerate(zip(self.joints, states, strict=True)):
+        for index, joint in self.joints.items():
+            state = states[index]
             self._set(index, self._mode(index, joint, state[0], held_link, opened))
             if self.modes[index] == "shut" and 0 != state[0] < SHUT and abs(state[1]) < SLOW:
                 self.client.resetJointState(self.body, index, 0.0)
 
     def _opened(self, states: Sequence[Any]) -> int | None:
-        for index, state in enumerate(states):
-            if state[0] > self.joints[index].detent:
-                return index
-        return None
+        opened = (i for i, joint in self.joints.items() if states[i][0] > joint.detent)
+        return next(opened, None)
 
     def _mode(
         self, index: int, joint: Joint, reading: float, held_link: int | None, opened: int | None

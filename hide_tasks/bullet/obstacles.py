@@ -16,12 +16,12 @@ def of(robot: Robot) -> tuple[Obstacles, Array]:
     held = robot.grasped
     placed = [(_table(), np.array(TABLE) / 2)]
     carried: list[tuple[Array, Array]] = []
-    for body in robot.scene.bodies:
+    for body in (body for body in robot.scene.bodies if body.asset.avoided):
         for link, part in enumerate(body.asset.links):
             boxes = _boxes(body, link, [shape for shape in part.shapes if shape.solid])
             if held is None or held[0] is not body:
                 placed += boxes
-            elif held[1] == link and len(body.asset.links) == 1:
+            elif held[1] == 0:  # a loose thing comes along with all that is on it
                 carried += boxes
             elif held[1] != link:
                 placed += boxes

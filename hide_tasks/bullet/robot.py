@@ -6,6 +6,7 @@ within 2 mm of both fingers, fix it, stop squeezing, let hand and link pass thro
 """
 
 import atexit
+import itertools
 import os
 import re
 import tempfile
@@ -229,6 +230,7 @@ class Robot:
             body, link = grasped
             body.held_link = None
             self._let_pass(body, link, passing=False)
+            self.scene.let_go(body)
 
     def _put_fingers(self, width: float) -> None:
         states = self.client.getJointStates(self.id, list(FINGERS))
@@ -276,8 +278,9 @@ class Robot:
         return int(constraint)
 
     def _let_pass(self, body: BulletBody, link: int, *, passing: bool) -> None:
-        for part in (HAND, *FINGERS):
-            self.client.setCollisionFilterPair(self.id, body.id, part, link - 1, int(not passing))
+        links = range(len(body.asset.links)) if link == 0 else [link]
+        for part, other in itertools.product((HAND, *FINGERS), links):
+            self.client.setCollisionFilterPair(self.id, body.id, part, other - 1, int(not passing))
 
 
 _BASE = np.eye(4)

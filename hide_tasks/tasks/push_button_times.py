@@ -7,11 +7,11 @@ when to stop.
 
 from collections.abc import Iterator
 
-from hide_tasks.assets import CLEAR_COLORS, Button
-from hide_tasks.assets.button import COUNTS_AGAIN_AT, COUNTS_AT
+from hide_tasks.assets.button import COUNTS_AGAIN_AT, COUNTS_AT, Button
+from hide_tasks.assets.colors import CLEAR_COLORS
 from hide_tasks.contract import Category, Failure, HiddenState
 from hide_tasks.layout import Area
-from hide_tasks.motion import above, press, withdraw
+from hide_tasks.motion.buttons import above, press, withdraw
 from hide_tasks.task import Alias, Checks, Counter, Grid, Moment, Stage, Task
 
 BUTTONS = 3

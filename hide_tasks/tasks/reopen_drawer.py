@@ -8,21 +8,13 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from hide_tasks.assets import Button, Chest
-from hide_tasks.assets.button import COUNTS_AGAIN_AT, COUNTS_AT
-from hide_tasks.assets.chest import LEVELS, Drawer
+from hide_tasks.assets.button import COUNTS_AGAIN_AT, COUNTS_AT, Button
+from hide_tasks.assets.chest import LEVELS, Chest, Drawer
 from hide_tasks.contract import Category, Failure, HiddenState
 from hide_tasks.layout import TABLE_TOP, Area
-from hide_tasks.motion import (
-    above,
-    before,
-    grasp_handle,
-    move,
-    pitch_for,
-    press,
-    slide_to,
-    top_down,
-)
+from hide_tasks.motion.buttons import above, press
+from hide_tasks.motion.drawers import before, grasp_handle, pitch_for, slide_to
+from hide_tasks.motion.general import move, top_down
 from hide_tasks.poses import Array
 from hide_tasks.task import Alias, Checks, Counter, Grid, Moment, Stage, Task
 

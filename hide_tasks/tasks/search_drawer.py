@@ -8,22 +8,20 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from hide_tasks.assets import Block, Chest, Region
-from hide_tasks.assets.chest import LEVELS, Drawer
+from hide_tasks.assets.block import Block
+from hide_tasks.assets.chest import LEVELS, Chest, Drawer
+from hide_tasks.assets.region import Region
 from hide_tasks.contract import Category, Failure, HiddenState
 from hide_tasks.layout import TABLE_TOP
-from hide_tasks.motion import (
+from hide_tasks.motion.drawers import (
     before,
     grasp_handle,
-    home,
     look_into,
-    over,
     pitch_for,
     push_shut,
-    put,
     slide_to,
-    take,
 )
+from hide_tasks.motion.general import home, over, put, take
 from hide_tasks.poses import Array, quaternion, yaw_of
 from hide_tasks.task import Alias, Checks, Counter, Grid, Moment, Stage, Task
 

@@ -4,7 +4,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hide_tasks import ALL_TASKS, UnknownTask, load, suite
-from hide_tasks.assets import Block, Button
+from hide_tasks.assets.block import Block
+from hide_tasks.assets.button import Button
 from hide_tasks.layout import Area, Crowded, Layout
 from hide_tasks.task import Counter, Grid
 

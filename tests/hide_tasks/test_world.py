@@ -8,7 +8,7 @@ from hide_tasks.bullet import kinematics
 from hide_tasks.bullet.world import World
 from hide_tasks.contract import EEDelta, JointPosition, Keyframe, MotionOutcome
 from hide_tasks.layout import TABLE_TOP
-from hide_tasks.motion import top_down
+from hide_tasks.motion.general import top_down
 from hide_tasks.panda import HOME_POSE
 from hide_tasks.script import script
 

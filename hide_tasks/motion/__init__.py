@@ -1,0 +1,1 @@
+"""Keyframe verbs, by what they are done to."""
