@@ -67,7 +67,9 @@ def judge(document: dict[str, Any]) -> tuple[str, str]:
     """Strong or weak, and why in one sentence."""
     ceiling = document["ceilings"]["exact"]
     report = document["probe"]
-    if not document["aliases"] or not all(alias["verified"] for alias in document["aliases"]):
+    if not document["aliases"]:
+        return "weak", "No two moments that call for different actions look the same."
+    if not all(alias["verified"] for alias in document["aliases"]):
         return "weak", "A declared pair of moments can be told apart or calls for one action."
     if ceiling > STRONG:
         return "weak", f"A perfect policy without memory is exact in {ceiling:.0%} of the episodes."

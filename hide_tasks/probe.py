@@ -62,7 +62,12 @@ def classifiers() -> dict[str, Pipeline]:
 
 
 def probe(samples: Sequence[Sample]) -> dict[str, Any]:
-    """Accuracy of every classifier with its Wilson interval, beside chance."""
+    """Accuracy of every classifier with its Wilson interval, beside chance.
+
+    Without samples there is nothing to be told apart.
+    """
+    if not samples:
+        return {"samples": 0, "chance": 1.0, "blind": False}
     x = np.array([features(sample.observation) for sample in samples])
     y = np.array([sample.label for sample in samples])
     layouts = np.array([sample.layout for sample in samples])

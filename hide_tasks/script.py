@@ -56,7 +56,7 @@ class Point:
 
 
 def twins(spec: EpisodeSpec) -> list[Variation]:
-    """The variations that fit the instruction: all values of the axes it does not name."""
+    """The variations that fit the instruction and the looks: all values of the hidden axes."""
     axes = type(suite.build(spec)).hidden_axes()
     return [
         {**spec.variation, **dict(zip(axes, values, strict=True))}

@@ -15,7 +15,7 @@ import numpy as np
 
 from hide_tasks.catalogue import load
 from hide_tasks.contract import CONTROL_HZ, EpisodeSpec, Split
-from hide_tasks.task import Task
+from hide_tasks.task import Grid, Task
 
 SUITE = "hide"
 VERSION = 1
@@ -33,7 +33,7 @@ def _generator(task: str, split: str, *key: int) -> np.random.Generator:
 
 @lru_cache(maxsize=64)
 def _variations(task: str, split: Split) -> list[dict[str, Any]]:
-    return load(task).variations.balanced(SPLITS[split], _generator(task, split))
+    return Grid(**load(task).axes()).balanced(SPLITS[split], _generator(task, split))
 
 
 @lru_cache(maxsize=64)

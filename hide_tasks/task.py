@@ -138,7 +138,8 @@ class Task(ABC):
     category: ClassVar[Category]
     instructions: ClassVar[tuple[str, ...]]  # the paper's wording first, then its paraphrases
     variations: ClassVar[Grid]
-    keyframes: ClassVar[frozenset[int]]  # the paper's counts
+    histories: ClassVar[Grid] = Grid()  # what an episode draws beside the paper's variation
+    keyframes: ClassVar[frozenset[int]]  # the paper's counts; a script has one of them
     looks: ClassVar[tuple[str, ...]] = ()  # axes that change how things look and nothing else
     remembers: ClassVar[str]  # the hidden state, in one sentence
     spoils: ClassVar[frozenset[Failure]] = (
@@ -190,7 +191,7 @@ class Task(ABC):
 
     @abstractmethod
     def aliases(self) -> list[Alias]:
-        """Pairs of moments of this episode and its twins that look the same."""
+        """Pairs of moments of this episode and its twins that look the same; none if none do."""
 
     # --- what every task has ---
 
@@ -200,20 +201,36 @@ class Task(ABC):
         return cls.__module__.rsplit(".", 1)[-1]
 
     @classmethod
+    def axes(cls) -> dict[str, tuple[Value, ...]]:
+        """Everything that is chosen for an episode: the variation's axes and its history's."""
+        return {**cls.variations.axes, **cls.histories.axes}
+
+    @classmethod
     def told(cls) -> tuple[str, ...]:
-        """The axes of the grid that the instruction names."""
-        return tuple(axis for axis in cls.variations.axes if f"{{{axis}}}" in cls.instructions[0])
+        """The axes that change the instruction."""
+        axes = cls.axes()
+        first = {axis: values[0] for axis, values in axes.items()}
+        return tuple(
+            axis
+            for axis, values in axes.items()
+            if len({cls.wording({**first, axis: value}) for value in values}) > 1
+        )
 
     @classmethod
     def hidden_axes(cls) -> dict[str, tuple[Value, ...]]:
-        """The axes that the instruction does not name."""
-        told = cls.told()
-        return {axis: values for axis, values in cls.variations.axes.items() if axis not in told}
+        """The axes that neither the instruction names nor the picture shows."""
+        known = {*cls.told(), *cls.looks}
+        return {axis: values for axis, values in cls.axes().items() if axis not in known}
+
+    @classmethod
+    def words(cls, variation: Mapping[str, Value]) -> Mapping[str, Value]:
+        """What fills the slots of the instructions: the variation's own values."""
+        return variation
 
     @classmethod
     def wording(cls, variation: Mapping[str, Value], paraphrase: int = 0) -> str:
         """The instruction for a variation."""
-        text = cls.instructions[paraphrase].format(**variation)
+        text = cls.instructions[paraphrase].format(**cls.words(variation))
         return re.sub(r"\b1 times\b", "1 time", text)
 
     @classmethod

@@ -160,7 +160,7 @@ def _entry(name: str) -> dict[str, Any]:
         "instruction": task.instructions[0],
         "paraphrases": list(task.instructions[1:]),
         "variations": len(task.variations),
-        "axes": {axis: list(values) for axis, values in task.variations.axes.items()},
+        "axes": {axis: list(values) for axis, values in task.axes().items()},
         "hidden_axes": sorted(task.hidden_axes()),
         "keyframes": sorted(task.keyframes),
         "budget": task.budget(),
