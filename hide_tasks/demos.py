@@ -16,7 +16,6 @@ from typing import TYPE_CHECKING, Any, Self, get_args
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import ValidationError
 
 from hide_tasks import suite
 from hide_tasks.contract import (
@@ -281,7 +280,9 @@ def _document(path: Path, text: str) -> dict[str, Any]:
         document["result"] = EpisodeResult.model_validate(document["result"])
         document["stages"] = tuple(document["stages"])
         document["hidden"] = tuple(document["hidden"])
-    except (ValidationError, KeyError, TypeError, json.JSONDecodeError) as error:
+    except DemosError:
+        raise
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise DemosError(f"{path} is damaged: {error}") from None
     _require_suite(document["spec"].suite, document["spec"].version, path)
     return dict(document)
@@ -340,7 +341,11 @@ class Folder:
         except FileNotFoundError:
             hint = "`hide demos --out DIR` makes one."
             raise DemosError(f"{path} is no folder of demonstrations: no {INDEX}. {hint}") from None
-        except (KeyError, TypeError, json.JSONDecodeError) as error:
+        except NotADirectoryError:
+            raise DemosError(f"{path} is no folder. Give one of `hide demos`.") from None
+        except DemosError:
+            raise
+        except (OSError, ValueError, KeyError, TypeError) as error:
             raise DemosError(f"{file} is damaged: {error}") from None
 
     @classmethod
@@ -350,7 +355,7 @@ class Folder:
         Raises:
             DemosError: it holds something else, or demonstrations by other sources.
         """
-        strangers = path.is_dir() and any(path.iterdir())
+        strangers = path.exists() and (not path.is_dir() or any(path.iterdir()))
         there = cls.open(path) if strangers else cls(path, {}, ())
         wanted = {task: _sources(task) for task in tasks}
         for task in tasks:

@@ -19,6 +19,7 @@ from seek_model.checkpoint_header import (
 from seek_model.config import Config, Model
 from seek_model.network import Network
 
+MOST_TABLES = 1_000_000_000  # bytes of what a network computes beside its weights when it is built
 PART = ".part"  # ends the name of a file that is still being written
 
 
@@ -99,6 +100,12 @@ def _require_parameters(model: Model, header: Header) -> None:
         if list(header.tensors[name].shape) != shape:
             found = list(header.tensors[name].shape)
             raise BadCheckpoint(f"tensor {name!r} is of shape {found}; expected {_kind(parameter)}")
+    tables = sum(buffer.nbytes for buffer in network.buffers())
+    if tables > MOST_TABLES:
+        raise BadCheckpoint(
+            f"config: its fixed tables would take {tables / 1e9:.1f} GB; at most "
+            f"{MOST_TABLES / 1e9:.1f} are allowed. Fewer cells a view need less."
+        )
 
 
 def self_contained(model: Model) -> Model:

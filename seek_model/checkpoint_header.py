@@ -15,7 +15,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from seek_model.config import Config
 
 FORMAT = "hide-seek-checkpoint 1"
-LONGEST = 100_000_000  # bytes of a header, as the safetensors library allows
+LONGEST = 10_000_000  # bytes of a header; ours have less than one
 BYTES = {
     "BOOL": 1,
     "U8": 1,
@@ -137,10 +137,11 @@ def _parse(text: Any, what: str) -> dict[str, Any]:
 
 
 def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    entries = dict(pairs)
-    if len(entries) < len(pairs):
-        names = [name for name, _ in pairs]
-        raise ValueError(f"{next(name for name in names if names.count(name) > 1)!r} comes twice")
+    entries: dict[str, Any] = {}
+    for name, value in pairs:
+        if name in entries:
+            raise ValueError(f"{name!r:.200} comes twice")
+        entries[name] = value
     return entries
 
 

@@ -10,6 +10,8 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 Whole = Annotated[int, Field(ge=0)]
 Positive = Annotated[int, Field(gt=0)]
+Layers = Annotated[int, Field(gt=0, le=100)]
+Name = Annotated[str, Field(min_length=1, max_length=100)]
 Share = Annotated[float, Field(ge=0.0, le=1.0)]
 Size = Annotated[float, Field(gt=0.0)]
 
@@ -25,7 +27,7 @@ class Views(_Config):
     """The virtual cameras of models.md 1.3: orthographic looks at a cube of one metre."""
 
     count: Literal[3, 5] = 3
-    size: Positive = 64  # pixels a side
+    size: Annotated[int, Field(gt=0, le=512)] = 64  # pixels a side
     stages: Literal[1, 2] = 2  # 2: a second, zoomed look around the coarse target
     zoom: Size = 4.0  # of the second look: a crop of 1 m / zoom
     points: Positive = 16384  # the most that are kept of one cloud
@@ -38,7 +40,7 @@ class ConvFilm(_Config):
     kind: Literal["conv_film"] = "conv_film"
     widths: tuple[Positive, ...] = (24, 48, 96)  # channels at strides 2, 4, 8, …
     channels: Positive = 128  # of the features that memory is read into
-    depth: Positive = 2  # layers of attention across the views
+    depth: Layers = 2  # layers of attention across the views
     heads: Positive = 4
 
     @property
@@ -54,7 +56,7 @@ class PatchTransformer(_Config):
     patch: Positive = 14  # pixels a side
     channels: Positive = 128  # of a token before and after the transformer
     width: Positive = 512  # inside the transformer
-    depth: Positive = 8  # the first half looks within a view, the second at all
+    depth: Layers = 8  # the first half looks within a view, the second at all
     heads: Positive = 8
     dropout: Share = 0.1
     first_conv: Whole = 0  # channels of RVT's 1x1 convolution before patches are cut; 0: none
@@ -107,7 +109,7 @@ class Memory(_Config):
     stages: Whole = 32  # SCM: counts that are told apart; 0: no counter
     content: Literal["visual", "proprioception"] = "visual"
     channels: Positive = 64  # of an entry
-    layers: Positive = 4
+    layers: Layers = 4
     feedforward: Positive = 2048
     dropout: Share = 0.1
     gate: bool = False  # X + g (MemoryAttn(X) - X), g = 0 at first (models.md A10)
@@ -208,6 +210,6 @@ class Train(_Config):
 class Config(_Config):
     """A model and its training, under a name."""
 
-    name: str
+    name: Name
     model: Model = Model()
     train: Train = Train()

@@ -75,6 +75,12 @@ class Targets(_Tensors):
     evidence: Int[Tensor, "e t"]  # the decision that an oracle would look back at; -1: none
     supervised: Bool[Tensor, "e t"]
 
+    def between(self, first: int, last: int) -> "Targets":
+        """The steps from `first` up to `last`."""
+        return replace(
+            self, **{field.name: getattr(self, field.name)[:, first:last] for field in fields(self)}
+        )
+
     def at(self, sequence: Int[Tensor, " f"], step: Int[Tensor, " f"]) -> "Targets":
         """Single frames; the fields lose their second dimension."""
         return replace(

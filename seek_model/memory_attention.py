@@ -110,7 +110,7 @@ class Layer(nn.Module):
         found, _ = self.within(normed, normed, normed, read.angles, read.angles)
         x = x + self.dropout(found)
         bias = None
-        if self.closeness is not None:
+        if self.closeness is not None and read.distances is not None:
             bias = -nn.functional.softplus(self.closeness) * read.distances
         found, weights = self.back(
             self.norms[1](x), read.keys, read.values, read.angles, read.key_angles, read.mask, bias
@@ -127,7 +127,7 @@ class _Read(NamedTuple):
     mask: Tensor  # b 1 1 m
     angles: Tensor  # n half, complex
     key_angles: Tensor  # m half; zero for the stage, which is nowhere
-    distances: Tensor  # n m, squared, in cells
+    distances: Tensor | None  # n m, squared, in cells; with colocation only
 
 
 class Remembered(NamedTuple):
@@ -157,13 +157,14 @@ class MemoryAttention(nn.Module):
         )
         self.register_buffer("place", sine_code(cells, settings.channels), persistent=False)
         self.register_buffer("query_place", sine_code(cells, channels), persistent=False)
-        self.register_buffer("distances", _distances(cells, slots), persistent=False)
+        distances = _distances(cells) if settings.colocation else None
+        self.register_buffer("distances", distances, persistent=False)
 
     angles: Tensor
     key_angles: Tensor
     place: Tensor
     query_place: Tensor
-    distances: Tensor
+    distances: Tensor | None
 
     def forward(self, features: Float[Tensor, "e v d h w"], slots: Slots) -> Remembered:
         """The features, each view having looked at its own memory."""
@@ -194,8 +195,15 @@ class MemoryAttention(nn.Module):
             mask=torch.cat([shown, always], dim=1)[:, None, None],
             angles=turns(self.angles),
             key_angles=turns(self.key_angles),
-            distances=self.distances,
+            distances=self._distances(),
         )
+
+    def _distances(self) -> Tensor | None:
+        """To every key, if that counts; the stage is nowhere, and as near as anything."""
+        if self.distances is None:
+            return None
+        stage = self.distances.new_zeros(len(self.distances), 1)
+        return torch.cat([self.distances.repeat(1, self.slots), stage], dim=1)
 
     def _by_slot(self, weights: Tensor, views: int) -> Float[Tensor, "e v slots"]:
         by_key = weights.float().mean(dim=1)  # over the cells that look
@@ -206,9 +214,9 @@ class MemoryAttention(nn.Module):
         return rearrange(by_slot, "(e v) s -> e v s", v=views)
 
 
-def _distances(cells: int, slots: int) -> Float[Tensor, "n m"]:
+def _distances(cells: int) -> Float[Tensor, "n n"]:
+    """Between the cells of a view, squared."""
     place = torch.arange(cells, dtype=torch.float32)
     rows, columns = torch.meshgrid(place, place, indexing="ij")
     xy = torch.stack([rows.flatten(), columns.flatten()], dim=-1)
-    squared = ((xy[:, None] - xy[None]) ** 2).sum(dim=-1)
-    return torch.cat([squared] * slots + [torch.zeros(len(xy), 1)], dim=1)
+    return ((xy[:, None] - xy[None]) ** 2).sum(dim=-1)

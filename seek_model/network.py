@@ -67,8 +67,8 @@ class Network(nn.Module):
         self.head = None if self.fine else JointHead(self._joint_features())
 
     def begin(self, episodes: int, seeds: Sequence[int] = ()) -> list[Archive]:
-        """Empty memories of new episodes."""
-        return [Archive(seed=seed) for seed in seeds or [0] * episodes]
+        """Empty memories of new episodes; the seeds tell an anchor's that is drawn at random."""
+        return [Archive(seed=seed) for seed in seeds or range(episodes)]
 
     def forward(
         self,
@@ -89,14 +89,14 @@ class Network(nn.Module):
             zoom_noise: m, how far at most the fine look is off the true target along an axis.
             coarse_only: leave out the fine branch.
         """
-        archives = self.begin(frames.shape[0])
+        archives = self.begin(frames.shape[0], self._drawn(frames.shape[0]))
         first = int(targets.supervised.any(dim=0).to(torch.uint8).argmax())
         if first and self.coarse.memory:
-            past = frames.between(0, first), _between(targets, 0, first)
+            past = frames.between(0, first), targets.between(0, first)
             for _, pending in self._steps(past[0], archives, past[1], learn=False):
                 _commit(pending)
         steps = frames.shape[1]
-        frames, targets = frames.between(first, steps), _between(targets, first, steps)
+        frames, targets = frames.between(first, steps), targets.between(first, steps)
         parts = []
         for coarse, pending in self._steps(frames, archives, targets, learn=True):
             _commit(pending)
@@ -160,6 +160,12 @@ class Network(nn.Module):
         """What sees features with memory in them alone: the say that it is done is told anew."""
         parts = (self.coarse.memory, self.coarse.stop) if self.coarse.memory else ()
         return [part for part in parts if part is not None]
+
+    def _drawn(self, episodes: int) -> list[int]:
+        """New seeds of anchors that are drawn at random."""
+        memory = self.model.memory
+        random = memory is not None and memory.anchor == "random"
+        return torch.randint(2**31, (episodes,)).tolist() if random else []
 
     # --- its steps ---
 
@@ -290,10 +296,6 @@ def _body(frames: Frames, rows: Rows) -> Float[Tensor, "f 10"]:
 def _teacher(targets: Targets, rows: Rows) -> Teacher:
     at = rows.sequence, rows.step
     return Teacher(targets.position[at], targets.stage[at], targets.evidence[at])
-
-
-def _between(targets: Targets, first: int, last: int) -> Targets:
-    return Targets(**{name: value[:, first:last] for name, value in vars(targets).items()})
 
 
 def _commit(pending: Pending | None) -> None:

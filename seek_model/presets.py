@@ -93,7 +93,7 @@ def _two_small() -> Train:
 
 
 def _paper(name: str, model: Model, train: Train) -> Config:
-    return Config(name=name, model=model, train=train)
+    return Config(name=name, model=model, train=train.model_copy(update={"ema": 0.0}))
 
 
 def _rvt_train(*, batch: int, rate: float, steps: int, decay: float) -> Train:
@@ -114,13 +114,13 @@ _SEEK_SECOND = Phase(
 )  # fmt: skip
 _SEEK_TRAIN = Train(first=_SEEK_FIRST, second=_SEEK_SECOND)
 _PLUS_TRAIN = Train(
-    # 56.25k steps of 256 frames, then 20 epochs of ten-frame sequences of one each
+    # 56.25k steps of 256 frames, then 20 epochs of 160,000 frames in sequences of ten, 32 a step
     first=Phase(
         steps=56_250, horizon=56_250, warmup=2000, batch=256, optimizer="lamb", rate=3.2e-3,
         clip=0.0,
     ),
     second=Phase(
-        steps=12_500, horizon=12_500, warmup=2000, batch=32, frames=10, optimizer="lamb",
+        steps=10_000, horizon=10_000, warmup=2000, batch=32, frames=10, optimizer="lamb",
         rate=4e-4, clip=0.0, freeze=("all_but_memory",), loss="coarse",
     ),
 )  # fmt: skip

@@ -6,7 +6,7 @@ A batch is a function of (seed, phase, step): nothing has to be kept to resume.
 import itertools
 import queue
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from time import perf_counter
 from types import TracebackType
@@ -91,18 +91,6 @@ class Sampler:
         first = 0 if self.archive else start
         cut = Cut(self.store.part(task, "train"), episode, first, start, stop)
         return cut.placed(self.config.augment, rng)
-
-
-def fixed(store: Store, split: Split, episodes: int, tasks: Sequence[str] = ()) -> Iterator[Batch]:
-    """The first `episodes` of every task, whole, one a batch, as they were recorded.
-
-    Raises:
-        ValueError: the store lacks a task's episodes.
-    """
-    for task in _tasks(store, split, tasks):
-        for episode in store.episodes(task, split)[:episodes]:
-            cut = Cut(store.part(task, split), episode, 0, 0, episode.keyframes)
-            yield assembled([cut], 0, episode.keyframes)
 
 
 def _tasks(store: Store, split: Split, wanted: Sequence[str]) -> tuple[str, ...]:

@@ -6,6 +6,7 @@ the demonstrations, or how clouds are thinned, have changed.
 """
 
 import hashlib
+import json
 import os
 import shutil
 import zipfile
@@ -170,7 +171,7 @@ class Store:
 def _read_index(path: Path) -> _Index:
     try:
         index = _Index.model_validate_json((path / INDEX).read_bytes())
-    except FileNotFoundError:
+    except (FileNotFoundError, NotADirectoryError):
         raise StoreError(f"{path} is no keyframe store: it has no {INDEX}.") from None
     except ValidationError as error:
         raise StoreError(f"{path / INDEX} is damaged: {error}") from None
@@ -248,7 +249,7 @@ def build(
     plan = _Index(points=points, voxel=voxel, demos=_origin(files), sources=folder.sources)
     if there := _reusable(out, plan):
         return there
-    if out.exists() and not (out / INDEX).is_file() and any(out.iterdir()):
+    if out.exists() and not _replaceable(out):
         raise StoreError(f"{out} holds something else than a keyframe store; give another folder.")
     _build_aside(out, plan, files, executor)
     return Store.open(out)
@@ -283,6 +284,24 @@ def _reusable(out: Path, plan: _Index) -> Store | None:
     return store if store.index.same_origin(plan) else None
 
 
+def _replaceable(out: Path) -> bool:
+    """True of an empty folder, and of a store of any version with nothing else in it."""
+    if not out.is_dir():
+        return False
+    if not any(out.iterdir()):
+        return True
+    try:
+        parts = json.loads((out / INDEX).read_text())["parts"]
+        known = {INDEX} | {f"{task}/{split}" for task in parts for split in parts[task]}
+    except (OSError, ValueError, KeyError, TypeError):
+        return False
+    files = [file.relative_to(out) for file in out.rglob("*") if not file.is_dir()]
+    return all(
+        file.as_posix() in known or (file.parent.as_posix() in known and file.suffix == ".npy")
+        for file in files
+    )
+
+
 def _build_aside(
     out: Path,
     plan: _Index,
@@ -303,12 +322,22 @@ def _build_aside(
             parts.setdefault(task, {})[split] = episodes
         index = plan.model_copy(update={"parts": parts, "data": _digest(aside)})
         (aside / INDEX).write_text(index.model_dump_json(indent=1) + "\n")
-        if out.exists():
-            out.rename(old)
-        aside.rename(out)
+        _swap(aside, out, old)
     finally:
         shutil.rmtree(aside, ignore_errors=True)
-        shutil.rmtree(old, ignore_errors=True)
+
+
+def _swap(aside: Path, out: Path, old: Path) -> None:
+    """The new folder in the old one's place; the old one stays where that fails."""
+    if out.exists():
+        out.rename(old)
+    try:
+        aside.rename(out)
+    except BaseException:
+        if old.exists():
+            old.rename(out)
+        raise
+    shutil.rmtree(old, ignore_errors=True)
 
 
 def _build_part(paths: Sequence[Path], out: Path, points: int, voxel: float) -> tuple[Episode, ...]:

@@ -219,11 +219,12 @@ def _started(path: Path, config: Config) -> dict[str, Tensor]:
         network, there, _ = checkpoint.load(path)
     except (BadCheckpoint, OSError) as error:
         raise TrainingError(f"train.start = {path} cannot be used: {error}") from None
-    wanted = config.model.model_copy(update={"memory": None}).model_dump()
-    for key, value in there.model.model_dump().items():
-        if value != wanted[key]:
+    wanted = checkpoint.self_contained(config.model).model_copy(update={"memory": None})
+    expected = wanted.model_dump()
+    for key, value in checkpoint.self_contained(there.model).model_dump().items():
+        if value != expected[key]:
             raise TrainingError(
-                f"train.start = {path} has model.{key} = {value}; expected {wanted[key]}"
+                f"train.start = {path} has model.{key} = {value}; expected {expected[key]}"
             )
     return checkpoint.weights(network)
 
@@ -234,6 +235,11 @@ def _phases(config: Config) -> list[str]:
     phases = [name for name in names if name == PHASES[0] or config.model.memory]
     if config.train.start:
         phases = [name for name in phases if name == PHASES[1]]
+        if not phases:
+            raise TrainingError(
+                "train.start leaves the first phase out, and there is no second: it needs a "
+                "model.memory and train.second.steps over 0."
+            )
     if not phases:
         raise TrainingError("Nothing to train: train.first.steps is 0, and there is no second.")
     return phases

@@ -6,7 +6,6 @@ f frames, v views, s pixels a side, d channels, h = w cells a side, e sequences,
 from collections.abc import Iterator
 from typing import NamedTuple, Protocol
 
-import torch
 from jaxtyping import Bool, Float
 from torch import Tensor, nn
 
@@ -17,11 +16,6 @@ class Words(NamedTuple):
     tokens: Float[Tensor, "e l d"]
     mask: Bool[Tensor, "e l"]  # True where a word is
     pooled: Float[Tensor, "e d"]
-
-    def per_frame(self, steps: int) -> "Words":
-        """The same for each of `steps` frames of every sequence."""
-        tokens, mask, pooled = (torch.repeat_interleave(part, steps, dim=0) for part in self)
-        return Words(tokens, mask, pooled)
 
 
 class Seen(NamedTuple):

@@ -113,7 +113,7 @@ def _followed(
     length = 1 if network.coarse.memory is not None else frames.shape[1]
     for step in range(0, frames.shape[1], length):
         now = frames.between(step, step + length)
-        told = _between(teacher, step, step + length) if teacher else None
+        told = teacher.between(step, step + length) if teacher else None
         with precision.cast():
             predictions, pending = network.play(now, archives, told)
         if pending:
@@ -121,10 +121,6 @@ def _followed(
         rows = predictions.rows
         said.append((predictions, targets.at(rows.sequence, rows.step + step)))
     return said
-
-
-def _between(targets: Targets, first: int, last: int) -> Targets:
-    return Targets(**{name: value[:, first:last] for name, value in vars(targets).items()})
 
 
 def _compared(said: Said, network: Network) -> Arrays:

@@ -4,6 +4,7 @@ Only the policy process of the one loading sees torch; here the file's header is
 """
 
 import asyncio
+import errno
 import hashlib
 from collections.abc import AsyncIterator, Callable, Iterator
 from contextlib import contextmanager
@@ -61,7 +62,7 @@ async def receive(
     now = asyncio.get_running_loop().time
     try:
         async with asyncio.timeout(STILL_LIMIT) as still:
-            with path.open("xb", buffering=0) as file:
+            with path.open("xb") as file:
                 async for piece in pieces:
                     still.reschedule(now() + STILL_LIMIT)
                     size += len(piece)
@@ -74,6 +75,10 @@ async def receive(
     except TimeoutError:
         message = f"No byte came for {STILL_LIMIT:g} s; the upload was given up."
         raise Problem(408, "too_slow", message) from None
+    except OSError as error:
+        if error.errno not in (errno.ENOSPC, errno.EDQUOT):
+            raise
+        raise Problem(507, "no_room", NO_ROOM) from None
     if not size:
         raise invalid("body", "is empty; send the checkpoint's bytes as they are")
     return Received(path, digest.hexdigest(), size)

@@ -71,7 +71,7 @@ class CheckpointPolicy(_Message):
     kind: Literal["checkpoint"] = "checkpoint"
     sha256: Sha256
     size: Annotated[int, Field(ge=0)]  # bytes
-    model: str = ""  # the name of its configuration
+    model: Annotated[str, Field(max_length=100)] = ""  # the name of its configuration
     timeout: Timeout = 60.0
 
 

@@ -201,3 +201,32 @@ def test_a_folder_of_something_else_is_left_alone(tmp_path):
         Folder.prepare(tmp_path, ["push_button_times"], "train")
 
     assert [path.name for path in tmp_path.iterdir()] == ["thesis.tex"]
+
+
+@pytest.mark.parametrize("content", [b"\xff\xfe", b"null", b"[]", b'{"format": 3}'])
+def test_a_folder_whose_index_is_damaged_is_refused(tmp_path, content):
+    (tmp_path / "demos.json").write_bytes(content)
+
+    with pytest.raises(DemosError, match=r"demos.json is damaged|of format 3"):
+        Folder.open(tmp_path)
+
+
+def test_a_file_in_place_of_a_folder_is_refused(tmp_path):
+    file = tmp_path / "thesis.tex"
+    file.touch()
+
+    for refused in (lambda: Folder.open(file), lambda: Folder.prepare(file, [], "train")):
+        with pytest.raises(DemosError, match=r"thesis.tex is no folder"):
+            refused()
+
+
+@pytest.mark.parametrize("document", ["null", '"demonstration"', "3", '{"format": 3}'])
+def test_a_file_with_another_document_is_refused(twice, tmp_path, document):
+    path = tmp_path / "demo.npz"
+    write(twice, path)
+    with np.load(path) as file:
+        held = {name: file[name] for name in file.files}
+    np.savez(path, **{**held, "document": np.array(document)})
+
+    with pytest.raises(DemosError, match=r"demo.npz is (damaged|of another format)"):
+        read(path)

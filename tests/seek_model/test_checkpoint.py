@@ -300,3 +300,35 @@ def test_a_short_file_that_asks_for_a_huge_network_is_refused_before_it_is_built
 
     with pytest.raises(BadCheckpoint, match="is missing"):
         checkpoint.load(path)
+
+
+def test_a_header_with_many_names_is_read_in_no_time(file: Path) -> None:
+    content = file.read_bytes()
+    names = ",".join(f'"t{i}":1' for i in range(200_000)) + ',"t199999":1'
+    text = f"{{{names}}}".encode()
+
+    with pytest.raises(BadCheckpoint, match="'t199999' comes twice"):
+        read_header(struct.pack("<Q", len(text)) + text + content[-100:])
+
+
+def test_a_network_whose_tables_would_fill_the_memory_is_not_built(
+    tmp_path: Path, config: Config
+) -> None:
+    views = config.model.views.model_copy(update={"size": 512})
+    backbone = ConvFilm(widths=(8,), channels=16, depth=1, heads=2)
+    memory = config.model.memory
+    assert memory
+    memory = memory.model_copy(update={"colocation": True})
+    parts = {"views": views, "backbone": backbone, "memory": memory}
+    large = config.model_copy(update={"model": config.model.model_copy(update=parts)})
+    with torch.device("meta"):
+        shapes = Network(large.model).state_dict()
+    tensors = {name: torch.zeros(one.shape) for name, one in shapes.items()}
+
+    with pytest.raises(BadCheckpoint, match="tables would take"):
+        load(saved(tmp_path / "large.safetensors", large, tensors))
+
+
+def test_a_name_that_fills_a_page_is_refused(file: Path) -> None:
+    with pytest.raises(BadCheckpoint, match=r"config.name: .*at most 100"):
+        read_header(changed(file, of_metadata("config", "name", to="x" * 101)))

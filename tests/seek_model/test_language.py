@@ -56,10 +56,3 @@ def test_an_instruction_reads_the_same_in_any_company() -> None:
 
 def test_an_empty_instruction_reads_finite() -> None:
     assert torch.isfinite(reader()([""]).pooled).all()
-
-
-def test_each_frame_of_a_sequence_hears_its_instruction() -> None:
-    words = reader()(["one", "two"])
-
-    assert torch.equal(words.per_frame(3).pooled[:3], words.pooled[:1].expand(3, -1))
-    assert torch.equal(words.per_frame(3).pooled[3:], words.pooled[1:].expand(3, -1))

@@ -153,13 +153,6 @@ def test_a_boundary_head_that_always_or_never_fires_moves_the_counter_so(
     assert [int(one.coarse.done[0]) for one in played(net, seen)] == counts
 
 
-def test_an_episode_that_begins_anew_remembers_nothing() -> None:
-    torch.manual_seed(1)
-    net, seen = network(), frames(1, 4)
-
-    assert torch.equal(maps(played(net, seen)), maps(played(net, seen, net.begin(1))))
-
-
 def test_what_is_not_committed_leaves_no_trace() -> None:
     torch.manual_seed(1)
     net, seen = network(), frames(1, 1)
@@ -186,32 +179,35 @@ def test_in_the_past_of_a_sequence_only_the_encoder_of_memory_learns() -> None:
     net, seen = network(MEMORY.model_copy(update={"window": 0})), frames(2, 4)
     supervised = torch.zeros(2, 4, dtype=torch.bool)
     supervised[:, 3:] = True  # what is remembered lies wholly in the past
-    wanted = targets(seen, supervised)
+    learns: list[bool] = []
+    net.coarse.trunk.register_forward_hook(lambda *_: learns.append(torch.is_grad_enabled()))
 
-    loss = net(seen, wanted, coarse_only=True).coarse.decoded.logits.square().sum()
+    loss = net(seen, targets(seen, supervised), coarse_only=True).coarse.decoded.logits.square()
     assert net.coarse.memory
     encoder = list(net.coarse.memory.encoder.parameters())
-    given = torch.autograd.grad(loss, encoder, allow_unused=True)
+    given = torch.autograd.grad(loss.sum(), encoder, allow_unused=True)
 
+    assert learns == [False, True]  # the past is seen first, then the rest
     assert any(gradient is not None and gradient.abs().sum() > 0 for gradient in given)
 
 
-def test_what_was_seen_in_the_past_of_a_sequence_gets_no_gradient() -> None:
+def test_sequences_and_updates_draw_random_anchors_of_their_own() -> None:
     torch.manual_seed(1)
-    net, seen = network(), frames(1, 3)
-    supervised = torch.tensor([[False, False, True]])
-    wanted = targets(seen, supervised)
+    net = network(MEMORY.model_copy(update={"window": 0, "anchor": "random"}))
+    seen = frames(8, 8)
+    supervised = torch.zeros(8, 8, dtype=torch.bool)
+    supervised[:, 7:] = True
 
-    with torch.no_grad():
-        past = net(seen, wanted, coarse_only=True).coarse.decoded.logits
-    net(seen, wanted, coarse_only=True).coarse.decoded.logits.sum().backward()
-    together = net.coarse.trunk.position.grad.clone()
+    def drawn() -> list[int]:
+        said = net(seen, targets(seen, supervised), coarse_only=True).coarse
+        assert said.recalled
+        return [one.entry.decision for one in said.recalled.slots.anchors if one]
 
-    net.zero_grad()
-    only = net(seen, wanted, coarse_only=True)
-    only.coarse.decoded.logits.sum().backward()
-    assert len(past) == 1
-    assert torch.allclose(net.coarse.trunk.position.grad, together)
+    first, second = drawn(), drawn()
+
+    assert len(first) == 8
+    assert len(set(first)) > 2
+    assert first != second
 
 
 def test_frames_that_are_not_supervised_count_for_nothing() -> None:
@@ -266,18 +262,12 @@ def test_a_network_with_memory_says_the_whole_action() -> None:
 
 
 def test_the_fine_branch_reads_no_memory() -> None:
-    torch.manual_seed(1)
-    net, seen = network(), frames(1, 1)
+    net = network()
     assert net.fine
 
     names = [name for name, _ in net.fine.named_parameters()]
 
     assert not [name for name in names if "memory" in name]
-    center = torch.zeros(1, 3)
-    owner = torch.zeros(len(seen.points), dtype=torch.long)
-    words = net.language(seen.instructions)
-    args = seen.points, seen.colors, owner, words, seen.fingers[:, 0], center
-    assert torch.equal(net.fine.decide(*args).logits, net.fine.decide(*args).logits)
 
 
 def test_the_clock_is_told_only_where_it_is_asked_for() -> None:

@@ -5,11 +5,13 @@ import pytest
 
 from hide_tasks import suite
 from hide_tasks.bullet.world import World
-from hide_tasks.contract import CAMERAS, Belief, Keyframe, Observation, Policy
+from hide_tasks.contract import Belief, Keyframe, Observation, Policy
 from hide_tasks.episode import play
 from hide_tasks.layout import BOUNDS
 from seek_model import policy
 from seek_model.checkpoint_header import BadCheckpoint
+from seek_model.frames import Frames
+from seek_model.memory import Archive
 from seek_model.policy import SeekPolicy, carried_out
 from seek_model.presets import preset
 from tests.seek_model.checkpoints import tiny_checkpoint
@@ -150,12 +152,29 @@ def test_an_oracle_cannot_play(tmp_path: Path) -> None:
         loaded(tmp_path, "seek-small/anchor_oracle")
 
 
-def test_the_clock_of_a_policy_counts_its_decisions(observation: Observation) -> None:
-    config = preset("seek-small+clock")
+def test_the_clock_of_a_policy_counts_its_decisions(
+    tmp_path: Path, observation: Observation, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made, told = loaded(tmp_path, "seek-small+clock"), []
+    play = made.network.play
 
-    seen = policy.frames_of(observation, 5, config)
+    def watched(frames: Frames, archives: list[Archive]) -> object:
+        told.append(frames.decision.tolist())
+        return play(frames, archives)
 
-    assert seen.decision.tolist() == [[5]]
-    assert len(seen.points) <= config.model.views.points
+    monkeypatch.setattr(made.network, "play", watched)
+    for _ in range(2):
+        made.reset(observation.instruction, 7)
+        for _ in range(3):
+            made.act(observation)
+
+    assert told == [[[0]], [[1]], [[2]]] * 2
+
+
+def test_a_policy_sees_no_more_points_than_it_was_trained_with(observation: Observation) -> None:
+    config = preset("seek-small")
+
+    seen = policy.frames_of(observation, 0, config)
+
+    assert 0 < len(seen.points) <= config.model.views.points
     assert seen.points.abs().max() <= 1.0
-    assert set(CAMERAS) == set(observation.views)

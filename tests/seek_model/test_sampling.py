@@ -10,7 +10,7 @@ import torch
 from seek_model.clouds import to_cube
 from seek_model.config import Augment, Phase, Train
 from seek_model.rotations import encode
-from seek_model.sampling import Loader, Sampler, fixed
+from seek_model.sampling import Loader, Sampler
 from seek_model.store import Store
 from tests.seek_model.stores import SHADE, store
 
@@ -226,29 +226,6 @@ def test_points_that_leave_the_cube_are_dropped(whole):
     assert moved.points.abs().max() <= 1
     assert 0 < len(moved.points) < len(still.points)
     assert len(moved.points) == len(moved.colors) == len(moved.owner)
-
-
-def test_validation_is_whole_episodes_as_they_were(whole):
-    batches = list(fixed(whole, "val", 2))
-
-    assert [frames.shape for frames, _ in batches] == [(1, 4), (1, 6), (1, 5)]
-    assert [frames.instructions for frames, _ in batches] == [
-        ["count to 0"],
-        ["count to 1"],
-        ["open to 0"],
-    ]
-    for frames, targets in batches:
-        assert frames.present.all() and targets.supervised.all()
-        assert targets.stop.argmax() == frames.shape[1] - 1
-    position = batches[2][1].position[0]
-    np.testing.assert_allclose(
-        position, to_cube(whole.part("open", "val").action_pose[:, :3]), atol=1e-6
-    )
-
-
-def test_validation_without_episodes_is_refused(whole):
-    with pytest.raises(ValueError, match="has no test episodes"):
-        next(fixed(whole, "test", 2))
 
 
 def test_a_loader_gives_the_batches_in_order(whole):

@@ -3,6 +3,7 @@
 import json
 import zipfile
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -192,10 +193,44 @@ def test_folders_that_are_something_else_are_refused(tmp_path):
         build(tmp_path / "thesis", tmp_path / "store", points=100, voxel=0.05)
     with pytest.raises(StoreError, match="thesis holds something else"):
         build(path, tmp_path / "thesis", points=100, voxel=0.05)
+    with pytest.raises(StoreError, match=r"thesis\.tex holds something else"):
+        build(path, tmp_path / "thesis" / "thesis.tex", points=100, voxel=0.05)
     with pytest.raises(StoreError, match="thesis is no keyframe store"):
         Store.open(tmp_path / "thesis")
     with pytest.raises(StoreError, match="has no demonstrations of test"):
         build(path, tmp_path / "store", points=100, voxel=0.05, splits=["test"])
+
+
+@pytest.mark.parametrize("index", ['{"my": "site"}', "[]", "no JSON", None])
+def test_a_folder_with_an_index_or_files_of_its_own_is_left_alone(tmp_path, index):
+    path = store(tmp_path, {("count", "train"): [3]}).path
+    (path / "count" / "notes.tex").touch()
+    if index:
+        (path / "index.json").write_text(index)
+    before = sorted(path.rglob("*"))
+
+    with pytest.raises(StoreError, match="holds something else"):
+        build(tmp_path / "demos", path, points=200, voxel=0.05)
+
+    assert sorted(path.rglob("*")) == before
+
+
+def test_a_store_that_cannot_be_moved_in_leaves_the_older_one(tmp_path, monkeypatch):
+    path = store(tmp_path, {("count", "train"): [3]}).path
+    rename = Path.rename
+
+    def fails(self, target):
+        if self.name.endswith(".part"):
+            raise OSError("no room")
+        return rename(self, target)
+
+    monkeypatch.setattr(Path, "rename", fails)
+    with pytest.raises(OSError, match="no room"):
+        build(tmp_path / "demos", path, points=200, voxel=0.05)
+    monkeypatch.undo()
+
+    check(Store.open(path))
+    assert sorted(one.name for one in tmp_path.iterdir()) == ["demos", "store"]
 
 
 def test_a_store_that_was_damaged_is_refused_and_built_again(tmp_path):

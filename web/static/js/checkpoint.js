@@ -25,8 +25,9 @@ form.addEventListener("submit", async (event) => {
     check(file);
     const version = await upload(addressOf(fields), file);
     form.reset();
-    await choose(version.id);
-    said.textContent = `${version.policy}@${version.version} is kept, and chosen below.`;
+    const chosen = await choose(version.id);
+    const where = chosen ? "and chosen below" : "load the page again to choose it";
+    said.textContent = `${version.policy}@${version.version} is kept, ${where}.`;
     document.getElementById("policy")?.focus();
   } catch (error) {
     if (!(error instanceof Refused)) throw error;
@@ -86,14 +87,17 @@ function upload(address, file) {
 /**
  * The policies as the server shows them now, with this one chosen; the other form stays as it is.
  * @param {string} id
+ * @returns {Promise<boolean>} whether the server answered
  */
 async function choose(id) {
-  const answer = await fetch(`/evaluations/new?policy=${encodeURIComponent(id)}`);
+  const answer = await fetch(`/evaluations/new?policy=${encodeURIComponent(id)}`).catch(() => null);
+  if (!answer?.ok) return false;
   const page = new DOMParser().parseFromString(await answer.text(), "text/html");
   for (const part of ["policy", "policies"]) {
     const fresh = page.getElementById(part);
     if (fresh) document.getElementById(part)?.replaceWith(fresh);
   }
+  return true;
 }
 
 /**
@@ -106,6 +110,7 @@ function tell(sent, size) {
 }
 
 function tellChecking() {
+  stop.hidden = true; // it is the server's now
   bar.removeAttribute("value");
   said.textContent = "Sent. The server loads it once to see that it can be played…";
 }
