@@ -17,7 +17,7 @@ run: setup ## Start the server on http://127.0.0.1:8000; on first start it evalu
 	$(BIN)/hide serve
 
 test: check ## Set up, check, then run all tests that need no GPU
-	$(BIN)/pytest -n 2 --durations=10 -m "not gpu"
+	$(BIN)/pytest -n 2 --dist loadgroup --durations=10 -m "not gpu"
 
 check: setup ## Lint, format, types, import rules
 	$(BIN)/ruff check

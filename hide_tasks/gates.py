@@ -39,6 +39,7 @@ class Passed(NamedTuple):
     draw: int
     scene_hash: str
     final_state_hash: str
+    keyframes: int  # of the expert
     seconds: float  # simulated, of the expert
 
 
@@ -64,7 +65,8 @@ def accept(spec: EpisodeSpec) -> Passed:
         again, _ = play(drawn, Replay([record.action for record in records]))
         if (again.exact, again.final_state_hash) != (True, result.final_state_hash):
             raise GateError(f"{spec.name}: the replay of draw {draw} ended elsewhere.")
-        return Passed(draw, result.scene_hash, result.final_state_hash, records[-1].time)
+        hashes = result.scene_hash, result.final_state_hash
+        return Passed(draw, *hashes, result.decisions, records[-1].time)
     raise GateError(f"{spec.name}: the expert solved none of {MOST_DRAWS} draws.")
 
 
@@ -124,11 +126,13 @@ def _document(task: str, splits: dict[Split, list[Passed]]) -> dict[str, Any]:
 
 
 def _columns(passed: Iterable[Passed]) -> dict[str, list[Any]]:
-    draws, scenes, finals, _ = zip(*passed, strict=True)
+    draws, scenes, finals, keyframes, seconds = zip(*passed, strict=True)
     return {
         "draws": list(draws),
         "scene_hashes": [value[:16] for value in scenes],
         "final_state_hashes": [value[:16] for value in finals],
+        "keyframes": list(keyframes),
+        "seconds": [round(value, 2) for value in seconds],
     }
 
 

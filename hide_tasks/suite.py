@@ -40,7 +40,8 @@ def _variations(task: str, split: Split) -> list[dict[str, Any]]:
 def committed(task: str) -> dict[str, Any]:
     """What `make gates` committed of a task's episodes; empty before its first run.
 
-    `splits` holds for each split the lists `draws`, `scene_hashes`, `final_state_hashes`.
+    `splits` holds for each split the lists `draws`, `scene_hashes`, `final_state_hashes`, and the
+    expert's `keyframes` and simulated `seconds`.
     """
     file = files("hide_tasks").joinpath("episodes", f"{task}.json")
     return dict(json.loads(file.read_text())) if file.is_file() else {}
