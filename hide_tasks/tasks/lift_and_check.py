@@ -8,18 +8,16 @@ next.
 import math
 from collections.abc import Iterator, Sequence
 
-import numpy as np
-
 from hide_tasks.assets.block import Block
 from hide_tasks.assets.chip import Chip
 from hide_tasks.assets.colors import COLORS
 from hide_tasks.assets.region import Region
 from hide_tasks.assets.seat import Seat
-from hide_tasks.contract import Category, Failure, HiddenState
+from hide_tasks.contract import Category, Failure, HiddenState, Variation
 from hide_tasks.layout import TABLE_TOP, Area
 from hide_tasks.motion.blocks import above, carry_over, grasp, grip_yaw, let_go, lift, rise_from
 from hide_tasks.motion.general import home
-from hide_tasks.poses import Array
+from hide_tasks.poses import Array, point
 from hide_tasks.task import Alias, Checks, Counter, Grid, Moment, Stage, Task
 
 PLACES = ("first", "second", "third", "fourth")  # from the robot's left
@@ -123,7 +121,7 @@ class LiftAndCheck(Task):
         )
 
     def aliases(self) -> list[Alias]:
-        last = {"chip_under": PLACES[-1]}
+        last: Variation = {"chip_under": PLACES[-1]}
         return [
             Alias(
                 Moment(5 * one, last),
@@ -158,4 +156,4 @@ class LiftAndCheck(Task):
         return all(self.checks().values())
 
     def _goal(self) -> Array:
-        return self.region.at[:3] + np.array([0.0, 0.0, SIZE / 2 + ABOVE_MAT])
+        return point(self.region.at, 0, 0, SIZE / 2 + ABOVE_MAT)

@@ -15,7 +15,7 @@ from hide_tasks.assets.region import Region
 from hide_tasks.contract import Category, Failure, HiddenState
 from hide_tasks.layout import TABLE_TOP
 from hide_tasks.motion.blocks import above, carry_over, grasp, let_go, lift, rise_from
-from hide_tasks.poses import Array
+from hide_tasks.poses import Array, point
 from hide_tasks.task import Alias, Checks, Grid, Stage, Task
 
 PATCH_AT = (0.25, 0.0)  # m
@@ -100,4 +100,4 @@ class StackBlocks(Task):
 
     def _level(self, number: int) -> Array:
         """The middle of the tower's numbered block."""
-        return self.patch.at[:3] + np.array([0.0, 0.0, (number - 0.5) * SIZE])
+        return point(self.patch.at, 0, 0, (number - 0.5) * SIZE)

@@ -6,8 +6,6 @@ of the colour: who counts those outside knows how many are inside.
 
 from collections.abc import Iterator, Mapping
 
-import numpy as np
-
 from hide_tasks.assets.block import Block
 from hide_tasks.assets.block_sets import scatter_blocks
 from hide_tasks.assets.colors import COLORS
@@ -15,7 +13,7 @@ from hide_tasks.assets.container import Container
 from hide_tasks.contract import Category, Failure, HiddenState, Value
 from hide_tasks.layout import TABLE_TOP
 from hide_tasks.motion.blocks import above, carry_over, grasp, let_go, lift, rise_from
-from hide_tasks.poses import Array
+from hide_tasks.poses import Array, point
 from hide_tasks.task import Alias, Checks, Grid, Stage, Task
 
 CONTAINER_AT = (0.25, 0.0)  # m
@@ -107,4 +105,4 @@ class StackBlocksNew(Task):
         """Where the numbered block is let go: a corner each."""
         x, y = ((-1, -1), (1, 1), (-1, 1))[number - 1]
         height = self.container.rim + OVER_RIM
-        return self.container.at[:3] + np.array([x * CORNER, y * CORNER, height])
+        return point(self.container.at, x * CORNER, y * CORNER, height)
