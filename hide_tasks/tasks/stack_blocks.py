@@ -1,0 +1,103 @@
+"""Stack exactly N blocks of the named colour on the patch.
+
+HIDE appendix A.1 (b). The tower is in plain view and there are always four blocks of the colour:
+the picture tells how many are stacked.
+"""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from hide_tasks.assets.block import Block
+from hide_tasks.assets.block_sets import SIZE, scatter_blocks
+from hide_tasks.assets.colors import COLORS
+from hide_tasks.assets.region import Region
+from hide_tasks.contract import Category, Failure, HiddenState
+from hide_tasks.layout import TABLE_TOP
+from hide_tasks.motion.blocks import above, carry_over, grasp, let_go, lift, rise_from
+from hide_tasks.poses import Array, point
+from hide_tasks.task import Alias, Checks, Grid, Stage, Task
+
+PATCH_AT = (0.25, 0.0)  # m
+SIDE = 0.075  # m of the patch (RLBench stack_blocks)
+GRAY = (110, 118, 110)
+DROP = 0.003  # m that a block falls when it is let go
+CLEAR = 0.05  # m above where it is let go (RLBench stack_blocks)
+RISE = 0.10  # m
+TILTED = 0.015  # m that a block's middle is off its level of the tower
+FELL = 0.1  # m under the table's top
+
+
+class StackBlocks(Task):
+    category = Category.REPETITION_COUNTING
+    instructions = (
+        "stack {count} {color} blocks",
+        "build a tower of {count} {color} blocks on the patch",
+        "put {count} of the {color} cubes on top of each other",
+    )
+    variations = Grid(count=(2, 3, 4), color=tuple(COLORS))
+    looks = ("color",)
+    keyframes = frozenset({11, 17, 22, 23, 24})
+    remembers = "how many blocks are stacked"
+    spoils = frozenset({Failure.OVERCOUNT})
+
+    def build(self) -> None:
+        self.patch = self.layout.add(Region(side=SIDE, color=GRAY), *PATCH_AT)
+        self.targets, self.distractors = scatter_blocks(self.layout, self.variation.color)
+
+    def hidden_state(self) -> HiddenState:
+        return {"blocks_stacked": self._stacked()}
+
+    def stage(self) -> str:
+        stacked = self._stacked()
+        return "done" if stacked >= self.variation.count else f"block {stacked + 1}"
+
+    def expert(self) -> Iterator[Stage]:
+        for number, block in enumerate(self.targets[: self.variation.count], 1):
+            goal = self._level(number) + np.array([0.0, 0.0, DROP])
+            moves = (above(block), grasp(block), lift(block), carry_over(goal, CLEAR), let_go(goal))
+            rise = () if number == self.variation.count else (rise_from(goal, RISE),)
+            yield Stage(f"block {number}", *moves, *rise)
+
+    def checks(self) -> Checks:
+        return {
+            "count_stacked": self._stacked() == self.variation.count,
+            "gripper_empty": not any(map(self.robot.holds, self._blocks())),
+        }
+
+    def missing(self) -> Failure:
+        if self._stacked() < self.variation.count:
+            return Failure.UNDERCOUNT
+        return Failure.UNFINISHED
+
+    def violations(self) -> list[Failure]:
+        over = self._stacked() > self.variation.count
+        wrong = any(map(self.robot.holds, self.distractors))
+        fell = any(block.position[2] < TABLE_TOP - FELL for block in self._blocks())
+        return (
+            [Failure.OVERCOUNT] * over
+            + [Failure.WRONG_OBJECT] * wrong
+            + [Failure.DROPPED_OBJECT] * fell
+        )
+
+    def aliases(self) -> list[Alias]:
+        return []  # the tower is seen, and the four blocks of the colour can be counted
+
+    def _blocks(self) -> list[Block]:
+        return [*self.targets, *self.distractors]
+
+    def _stacked(self) -> int:
+        """How many levels of the tower on the patch are blocks of the colour that are let go."""
+        loose = [block for block in self.targets if not self.robot.holds(block)]
+        tower = 0
+        while any(self._stands_at(block, tower + 1) for block in loose):
+            tower += 1
+        return tower
+
+    def _stands_at(self, block: Block, number: int) -> bool:
+        x, y, z = (float(p - q) for p, q in zip(block.position, self._level(number), strict=True))
+        return max(abs(x), abs(y)) <= SIDE / 2 and abs(z) <= TILTED
+
+    def _level(self, number: int) -> Array:
+        """The middle of the tower's numbered block."""
+        return point(self.patch.at, 0, 0, (number - 0.5) * SIZE)
