@@ -1,11 +1,12 @@
 """A shallow square container."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 from hide_tasks.assets.asset import Asset, Link, Shape, box, shade
 from hide_tasks.assets.colors import RGB
-from hide_tasks.poses import point
+from hide_tasks.poses import point, yaw_of
 
 SIDE = 0.16  # m
 HEIGHT = 0.022  # m of its rim above the table
@@ -31,11 +32,12 @@ class Tray(Asset):
 
     def contains(self, position: Sequence[float]) -> bool:
         """True when a point of the world is between its walls, not too high."""
-        turned = self.frame(0, 0, 0)
-        along, across = point(turned, 1, 0, 0) - self.at[:3], point(turned, 0, 1, 0) - self.at[:3]
-        offset = [p - q for p, q in zip(position, self.at[:3].tolist(), strict=True)]
-        aside = max(abs(float(axis @ offset)) for axis in (along, across))
-        return aside <= SIDE / 2 and 0.0 <= offset[2] <= INSIDE
+        x, y, z = (p - q for p, q in zip(position, self.at[:3].tolist(), strict=True))
+        if not 0.0 <= z <= INSIDE or math.hypot(x, y) > SIDE:
+            return False
+        yaw = yaw_of(self.at)
+        along, across = math.cos(yaw) * x + math.sin(yaw) * y, math.cos(yaw) * y - math.sin(yaw) * x
+        return bool(max(abs(along), abs(across)) <= SIDE / 2)
 
     def _floor(self) -> Shape:
         return box((SIDE, SIDE, FLOOR), (0, 0, FLOOR / 2), shade(self.color, 1.25))
