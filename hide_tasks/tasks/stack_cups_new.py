@@ -47,7 +47,7 @@ class StackCupsNew(Task):
         order = [NAMES[i] for i in self.layout.rng.permutation(len(NAMES))]
         others = [name for name in order if name != self.variation.color][: CUPS - 1]
         cups = [Cup(name) for name in (self.variation.color, *others)]
-        self.layout.scatter(cups, AREA, gap=GAP, turn=np.pi)
+        self.layout.scatter(cups, AREA, gap=GAP)
         for cup in cups:
             cup.at[2] += cup.height / 2
         self.base, *self.others = cups

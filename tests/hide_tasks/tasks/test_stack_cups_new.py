@@ -44,6 +44,7 @@ def test_a_cup_in_another_than_the_named_one_is_a_wrong_object():
     with World(suite.build(ONE)) as world:
         task = world.task
         cup, other = task.others
+        world.step()
         cup.body.place(other.pose() + np.array([0, 0, cup.floor + 0.002, 0, 0, 0, 0]))
         for _ in range(24):
             world.step()
