@@ -26,7 +26,7 @@ class Cup(Asset):
     floor: float = 0.022  # m of the hollow's floor above the foot
     wall: float = 0.0022  # m
     mass: float = 0.10  # kg
-    friction: float = 0.6
+    friction: float = 0.3  # on its like it is the square: less than the slope of its wall
     radius = 0.046
 
     def __post_init__(self) -> None:

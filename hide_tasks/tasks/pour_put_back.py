@@ -167,8 +167,10 @@ def _next_color(color: str) -> str:
 
 
 def _source(color: str) -> Cup:
-    return Cup(color, foot=0.028, rim=0.036, height=0.095, floor=0.008, wall=0.002)
+    return Cup(color, foot=0.028, rim=0.036, height=0.095, floor=0.008, wall=0.002, friction=0.6)
 
 
 def _target(color: str) -> Cup:
-    return Cup(color, foot=0.034, rim=0.046, height=0.08, floor=0.008, wall=0.002, mass=0.3)
+    return Cup(
+        color, foot=0.034, rim=0.046, height=0.08, floor=0.008, wall=0.002, mass=0.3, friction=0.6
+    )
