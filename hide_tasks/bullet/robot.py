@@ -214,6 +214,8 @@ class Robot:
             self._put_fingers(0.0)
             return
         body, link = found
+        if self.scene.seated_firmly(body):
+            self.rest()  # how it lies in the hand is the same for every posture of the arm
         self._grasped, body.held_link = found, link
         self._constraint = self._fix(body, link)
         self._drive_fingers(self.client.getJointState(self.id, FINGERS[0])[0])

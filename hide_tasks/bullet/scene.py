@@ -155,6 +155,10 @@ class Scene:
                 body.place(sits)
                 seat.taken = True
 
+    def seated_firmly(self, body: BulletBody) -> bool:
+        """True while a firm seat keeps the body where it is."""
+        return any(s.firm and s.taken and s.thing is body.asset for s in self.seats)
+
     def _keep(self, seat: Seat) -> None:
         if seat.thing.body.held():
             seat.taken = False

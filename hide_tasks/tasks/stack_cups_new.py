@@ -1,0 +1,137 @@
+"""Put one or two of the other cups into the cup of the named colour.
+
+HIDE appendix A.1 (d), as the paper has it: of three cups those that still stand alone tell how
+many are stacked, so memory is hardly needed.
+"""
+
+from collections.abc import Iterator
+from functools import partial
+from itertools import permutations
+
+import numpy as np
+
+from hide_tasks.assets.colors import COLORS
+from hide_tasks.assets.cup import Cup
+from hide_tasks.contract import Category, Failure, HiddenState
+from hide_tasks.layout import TABLE_TOP, Area
+from hide_tasks.motion.cups import freest_side, rim_move
+from hide_tasks.poses import Array
+from hide_tasks.task import Alias, Checks, Grid, Stage, Task
+
+NAMES = tuple(COLORS)
+CUPS = 3
+AREA = Area(x=(0.10, 0.42), y=(-0.26, 0.26))
+GAP = 0.06  # m between two cups' rims: room for a finger
+HOVER, LIFT, ABOVE, RISE = 0.08, 0.17, 0.14, 0.20  # m
+DROP = 0.008  # m over its place at which a cup is let go
+ASIDE = 0.02  # m of a nested cup's axis from the base's
+HIGHEST = 0.08  # m of a nested cup above the base
+WITHDRAWN = 0.25  # m of the tip above the table
+FELL = 0.1  # m under the table's top
+
+
+class StackCupsNew(Task):
+    category = Category.REPETITION_COUNTING
+    instructions = (
+        "stack {number} cup(s) on top of the {color} cup",
+        "place {number} of the other cups onto the {color} cup",
+        "leave the {color} cup where it is and stack {number} cup(s) on it",
+    )
+    variations = Grid(color=NAMES, number=("one", "two"))
+    looks = ("color",)
+    keyframes = frozenset({6, 11})
+    remembers = "how many cups are stacked; the cups that stand alone tell it"
+    spoils = frozenset({Failure.OVERCOUNT, Failure.DROPPED_OBJECT})
+
+    def build(self) -> None:
+        order = [NAMES[i] for i in self.layout.rng.permutation(len(NAMES))]
+        others = [name for name in order if name != self.variation.color][: CUPS - 1]
+        cups = [Cup(name) for name in (self.variation.color, *others)]
+        self.layout.scatter(cups, AREA, gap=GAP)
+        for cup in cups:
+            cup.at[2] += cup.height / 2
+        self.base, *self.others = cups
+        self.wanted = ("one", "two").index(str(self.variation.number)) + 1
+        self.stackings = [
+            self.count(f"{cup.color}_stacking", partial(self._sits, cup), up=0.5, down=0.5)
+            for cup in self.others
+        ]
+        self.wrong = self.count("wrong_stacking", self._astray, up=0.5, down=0.5)
+
+    def _sits(self, cup: Cup) -> float:
+        return float(self._nested(cup, self.base))
+
+    def _astray(self) -> float:
+        cups = (self.base, *self.others)
+        return float(
+            any(
+                self._nested(cup, other) and not self._nested(cup, self.base)
+                for cup, other in permutations(cups, 2)
+            )
+        )
+
+    def _nested(self, cup: Cup, base: Cup) -> bool:
+        x, y, z = (p - q for p, q in zip(cup.position, base.position, strict=True))
+        near = abs(x) < ASIDE and abs(y) < ASIDE and 0.0 < z < HIGHEST
+        return near and not self.robot.holds(cup)
+
+    @property
+    def stacked(self) -> int:
+        """How many cups are in the base now."""
+        return sum(self._nested(cup, self.base) for cup in self.others)
+
+    def hidden_state(self) -> HiddenState:
+        return {"stacked": self.stacked}
+
+    def stage(self) -> str:
+        done = self.stacked
+        return "withdraw" if done >= self.wanted else f"stack {('first', 'second')[done]}"
+
+    def expert(self) -> Iterator[Stage]:
+        for number, cup in enumerate(self._nearest_first()[: self.wanted]):
+            here, goal = np.array(cup.position), self._place(number)
+            alone = [c for c in self.others if c is not cup and not self._sits(c)]
+            side = freest_side(cup, goal, [np.array(c.position) for c in alone])
+            yield Stage(
+                f"stack {('first', 'second')[number]}",
+                rim_move(here, cup, side, HOVER, opened=True),
+                rim_move(here, cup, side, 0.0, opened=False, touching=True),
+                rim_move(here, cup, side, LIFT, opened=False),
+                rim_move(goal, cup, side, ABOVE, opened=False),
+                rim_move(goal, cup, side, DROP, opened=True, touching=True),
+            )
+        yield Stage("withdraw", rim_move(goal, cup, side, RISE, opened=True))
+
+    def _nearest_first(self) -> list[Cup]:
+        base = np.array(self.base.position)
+        return sorted(self.others, key=lambda c: float(np.linalg.norm(c.position - base)))
+
+    def _place(self, number: int) -> Array:
+        """The middle of the next cup when it is nested."""
+        x, y, z = self.base.position
+        return np.array([x, y, z + (number + 1) * self.base.floor])
+
+    def checks(self) -> Checks:
+        return {
+            "stacked_exactly": self.stacked == self.wanted,
+            "gripper_empty": not any(map(self.robot.holds, (self.base, *self.others))),
+            "arm_withdrawn": self.robot.tip_height > WITHDRAWN,
+        }
+
+    def missing(self) -> Failure:
+        if self.stacked < self.wanted:
+            return Failure.UNDERCOUNT
+        return Failure.NOT_WITHDRAWN
+
+    def violations(self) -> list[Failure]:
+        over = sum(counter.total > 0 for counter in self.stackings) > self.wanted
+        cups = (self.base, *self.others)
+        fell = any(cup.position[2] < TABLE_TOP - FELL for cup in cups)
+        return (
+            [Failure.OVERCOUNT] * over
+            + [Failure.WRONG_OBJECT] * (self.wrong.total > 0)
+            + [Failure.DROPPED_OBJECT] * fell
+        )
+
+    def aliases(self) -> list[Alias]:
+        return []
