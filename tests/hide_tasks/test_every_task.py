@@ -80,10 +80,8 @@ def test_scripts_have_the_papers_numbers_of_keyframes(name):
     axes = {axis: values for axis, values in task.axes().items() if axis not in task.looks}
     spec = suite.episode(name, "train", 0)
     counts = set()
-    for values in (
-        np.array(np.meshgrid(*axes.values(), indexing="ij"), dtype=object).reshape(len(axes), -1).T
-    ):
-        twin = spec.twin(dict(zip(axes, values.tolist(), strict=True)))
+    for variation in Grid(**axes):
+        twin = spec.twin(variation)
         result, _ = play(twin, Expert())
         assert result.exact, (twin.variation, result.failure)
         counts.add(result.decisions)
