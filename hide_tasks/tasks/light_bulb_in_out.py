@@ -1,7 +1,7 @@
 """Screw the bulb into the lamp until it lights, then put it into the holder it was not in.
 
-HIDE appendix A.1 (i). Both holders look the same, and the light goes out when the bulb is taken
-out. With the bulb over the lamp nothing shows whether it was lit, nor whence it came.
+HIDE appendix A.1 (i). Both holders look the same and are empty while the bulb is in the lamp or
+in the hand: only the history tells where it came from. The light goes out when it is taken out.
 """
 
 import math
@@ -16,7 +16,7 @@ from hide_tasks.contract import Category, Failure, HiddenState
 from hide_tasks.layout import TABLE_TOP, Area
 from hide_tasks.motion.general import move, over, put, take, top_down
 from hide_tasks.poses import Array
-from hide_tasks.task import Alias, Checks, Counter, Grid, Moment, Move, Stage, Task
+from hide_tasks.task import Alias, Checks, Counter, Grid, Moment, Stage, Task
 
 HOLDERS = ("left", "right")  # as the robot sees them
 LAMP_AREA = Area(x=(0.25, 0.29), y=(-0.06, 0.00))
@@ -24,6 +24,7 @@ HOLDER_AREA = Area(x=(0.06, 0.32), y=(0.17, 0.35))  # about RLBench's
 SPACING = 0.08  # m between the holders' feet
 APPROACH, LIFT = 0.10, 0.20  # m over a bulb
 OVER_LAMP = 0.073  # m over the screwed-in bulb; RLBench light_bulb_in: 0.421 - 0.348
+OUT = 0.12  # m over it, to where it is taken out; turned back on the way
 STROKE = math.radians(165)  # of a turn; eleven of the 24 sides of what is turned on a lathe
 STARTS = tuple(math.radians(degrees) for degrees in (120, 105, 135, 90))
 FELL = 0.1  # m under the table's top
@@ -41,7 +42,7 @@ class LightBulbInOut(Task):
     histories = Grid(origin=HOLDERS)
     looks = ("color",)
     keyframes = frozenset({10, 11})
-    remembers = "which holder the bulb came from and whether it has been lit"
+    remembers = "which holder the bulb came from"
     spoils = frozenset({Failure.DROPPED_OBJECT})
 
     def build(self) -> None:
@@ -94,11 +95,15 @@ class LightBulbInOut(Task):
             over(self._bulb, APPROACH, opened=True, yaw=start),
             take(self._bulb, yaw=start),
             over(self._bulb, LIFT, opened=False, yaw=start),
-            self._over_lamp(start, touching=False),
+            move(lambda: self._lamp(start, OVER_LAMP), opened=False),
             move(lambda: self._lamp(start), opened=False, touching=True),
             move(lambda: self._lamp(end), touching=True),
         )
-        yield Stage("take out", take(self._bulb, yaw=end), self._over_lamp(start, touching=True))
+        yield Stage(
+            "take out",
+            take(self._bulb, yaw=end),
+            move(lambda: self._lamp(start, OUT), opened=False, touching=True),
+        )
         yield Stage(
             f"to {self.other}",
             over(lambda: goal.seat[:3], APPROACH, opened=False, yaw=start),
@@ -111,15 +116,11 @@ class LightBulbInOut(Task):
         left, right = (self.holders[name].seat[:3] for name in HOLDERS)
 
         def chain(yaw: float) -> list[Array]:
-            above, end = self._lamp(yaw, OVER_LAMP), self._lamp(yaw - STROKE)
-            stroke = [above, self._lamp(yaw), end, above]
-            return [top_down(left, yaw), *stroke, top_down(right, yaw)]
+            stroke = [self._lamp(yaw), self._lamp(yaw - STROKE), self._lamp(yaw, OUT)]
+            above = self._lamp(yaw, OVER_LAMP)
+            return [top_down(left, yaw), above, *stroke, top_down(right, yaw)]
 
         return STARTS[self.robot.first_feasible(chain(yaw) for yaw in STARTS)]
-
-    def _over_lamp(self, yaw: float, *, touching: bool) -> Move:
-        """Over the lamp: before and after the stroke the same."""
-        return move(lambda: self._lamp(yaw, OVER_LAMP), opened=False, touching=touching)
 
     def _lamp(self, yaw: float, above: float = 0.0) -> Array:
         """The tip's pose at a bulb in the lamp, or above it."""
@@ -150,9 +151,8 @@ class LightBulbInOut(Task):
             Alias(
                 Moment(8, {"origin": one}),
                 Moment(8, {"origin": two}),
-                f"over the lamp after it was lit; it came from the {one} or the {two}",
-            ),
-            Alias(Moment(4), Moment(8), "over the lamp before and after it was lit"),
+                f"taken out of the lamp; the bulb came from the {one} or the {two} holder",
+            )
         ]
 
     def _bulb(self) -> Array:
