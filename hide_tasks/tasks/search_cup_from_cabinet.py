@@ -4,6 +4,7 @@ HIDE appendix A.1 (m). A searched side is slid shut and the arm goes home: the s
 the one at the start, so only the history tells which side comes next.
 """
 
+import itertools
 import math
 from collections.abc import Iterator
 
@@ -32,10 +33,17 @@ SHUT = 0.01  # m
 BEHIND = 0.04  # m of the cup behind the front: the palm stays outside
 ASIDE = 0.025  # m of the cup outward from the middle of a side: room for the palm
 SHORT = 0.008  # m of the tip before the cup's middle
+ABOUT = 0.10  # m before the cup, whence it is grasped
 OUT, LIFTED = 0.16, 0.02  # m that the cup is drawn out, and up
-PITCHES = tuple(math.radians(angle) for angle in (15, 10, 20, 5, 30, 35))  # of the cup's grasp
+# How the tool may be held at the cup, rad: pitch, and yaw to the left.
+TILTS = tuple(
+    (math.radians(pitch), math.radians(yaw))
+    for pitch, yaw in itertools.product((15, 20, 10, 25, 30), (0, 8, -8, 14, -14))
+)
 BEFORE, ABOVE_TABLE = 0.24, 0.004  # m before where it stood and over the table: there it is let go
 FELL = 0.1  # m under the table's top
+
+Tilt = tuple[float, float]
 
 
 class SearchCupFromCabinet(Task):
@@ -106,41 +114,40 @@ class SearchCupFromCabinet(Task):
             if side == self.variation.cup_on:
                 break
             yield Stage(f"close {side}", push_shut(door, pitch), home())
-        pitch = self._pitch()
+        tilt = self._tilt()
         yield Stage(
             "take",
-            move(lambda: self._grip(pitch, back=0.10)),
-            move(lambda: self._grip(pitch), opened=False, touching=True),
+            move(lambda: self._grip(tilt, back=ABOUT)),
+            move(lambda: self._grip(tilt), opened=False, touching=True),
         )
         yield Stage(
             "take out",
-            move(lambda: self._drawn_out(pitch), opened=False),
-            move(lambda: self._set_down(pitch), touching=True),
+            move(lambda: self._drawn_out(tilt), opened=False),
+            move(lambda: self._set_down(tilt), touching=True),
         )
 
-    def _pitch(self) -> float:
-        """How far to tilt the tool, rad, so that the arm can follow the cup all the way."""
+    def _tilt(self) -> Tilt:
+        """How the arm can hold the tool to follow the cup all the way."""
         chains = (
-            [self._grip(p, back=0.10), self._grip(p), self._drawn_out(p), self._set_down(p)]
-            for p in PITCHES
+            [self._grip(t, back=ABOUT), self._grip(t), self._drawn_out(t), self._set_down(t)]
+            for t in TILTS
         )
-        return PITCHES[self.robot.first_feasible(chains)]
+        return TILTS[self.robot.first_feasible(chains)]
 
-    def _grip(self, pitch: float, *, back: float = 0.0, up: float = 0.0) -> Array:
-        middle = np.concatenate([self.cup.position, self.cabinet.at[3:]])
-        return toward(middle, pitch, back=SHORT + back, up=up)
+    def _grip(self, tilt: Tilt, *, back: float = 0.0, up: float = 0.0) -> Array:
+        """Where the cup stands at the start, or so far before and over it."""
+        pitch, yaw = tilt
+        standing = np.concatenate([self.cup.at[:3], self.cabinet.at[3:]])
+        at = compose(standing, pose(-back, 0, up))
+        return toward(compose(at, pose(0, 0, 0, quaternion(yaw=yaw))), pitch, back=SHORT)
 
-    def _drawn_out(self, pitch: float) -> Array:
-        return toward(self._standing(), pitch, back=SHORT + OUT, up=LIFTED)
+    def _drawn_out(self, tilt: Tilt) -> Array:
+        return self._grip(tilt, back=OUT, up=LIFTED)
 
-    def _set_down(self, pitch: float) -> Array:
+    def _set_down(self, tilt: Tilt) -> Array:
         """The cup stands on the table, before where it stood."""
         low = HEIGHT / 2 + ABOVE_TABLE - (self.cup.at[2] - TABLE_TOP)
-        return toward(self._standing(), pitch, back=SHORT + BEFORE, up=low)
-
-    def _standing(self) -> Array:
-        """Where the cup stands at the start, x into the cabinet."""
-        return np.concatenate([self.cup.at[:3], self.cabinet.at[3:]])
+        return self._grip(tilt, back=BEFORE, up=low)
 
     def checks(self) -> Checks:
         return {
