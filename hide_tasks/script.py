@@ -85,7 +85,8 @@ def library(spec: EpisodeSpec) -> list[Point]:
 
 
 def same_action(a: Keyframe, b: Keyframe) -> bool:
-    """True when two keyframes lead to the same place with the same fingers."""
+    """True when two keyframes lead to the same place with the same fingers, and end alike."""
     apart = float(np.linalg.norm(a.pose[:3] - b.pose[:3]))
     aligned = abs(float(a.pose[3:] @ b.pose[3:]))
-    return apart < 0.01 and aligned > 0.99 and (a.opening >= 0.5) == (b.opening >= 0.5)
+    alike = (a.opening >= 0.5) == (b.opening >= 0.5) and a.stop == b.stop
+    return apart < 0.01 and aligned > 0.99 and alike

@@ -38,6 +38,7 @@ class Joint:
     spring: float = 0.0  # N or N m that pulls it back to zero
     friction: float = 0.0  # N or N m of stiction
     detent: float = 0.0  # below this reading it snaps shut to exactly zero
+    snap: float = 15.0  # N or N m that pulls it shut within its detent
     start: float = 0.0
     origin: tuple[float, float, float] = (0, 0, 0)  # a point of a hinge's axis, base's frame
 

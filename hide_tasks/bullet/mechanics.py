@@ -8,7 +8,6 @@ import pybullet as bullet
 from hide_tasks.assets.asset import Asset, Joint
 from hide_tasks.bullet.client import Client
 
-SNAP = 15.0  # N that pulls a joint shut within its detent
 LOCK = 1000.0  # N with which an interlocked joint stays shut
 SHUT = 2e-4  # m or rad: nearer than this it is put at exactly zero
 SLOW = 0.01  # m/s or rad/s
@@ -61,7 +60,8 @@ class Mechanics:
         if mode == "free":
             _stick(self.client, self.body, index, self.joints[index].friction)
         else:
-            _pull(self.client, self.body, index, SNAP if mode == "shut" else LOCK)
+            force = self.joints[index].snap if mode == "shut" else LOCK
+            _pull(self.client, self.body, index, force)
 
 
 def _pull(client: Client, body: int, index: int, force: float) -> None:
