@@ -43,6 +43,7 @@ FELL = 0.1  # m under the table's top
 class SearchBoxes(Task):
     category = Category.EXECUTION_PROGRESS
     instructions = (
+        "take shoes out of box",
         "take the shoes out of the box",
         "grasp each shoe and remove it from the shoe box",
         "find the shoes in one of the boxes and put them on the table",

@@ -4,7 +4,7 @@ HIDE appendix A.1 (d), as the paper has it: of three cups those that still stand
 many are stacked, so memory is hardly needed.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from functools import partial
 from itertools import permutations
 
@@ -12,7 +12,7 @@ import numpy as np
 
 from hide_tasks.assets.colors import COLORS
 from hide_tasks.assets.cup import Cup
-from hide_tasks.contract import Category, Failure, HiddenState
+from hide_tasks.contract import Category, Failure, HiddenState, Value
 from hide_tasks.layout import TABLE_TOP, Area
 from hide_tasks.motion.cups import freest_side, rim_move
 from hide_tasks.poses import Array
@@ -33,15 +33,21 @@ FELL = 0.1  # m under the table's top
 class StackCupsNew(Task):
     category = Category.REPETITION_COUNTING
     instructions = (
-        "stack {number} cup(s) on top of the {color} cup",
+        "stack {cups} on top of the {color} cup",
         "place {number} of the other cups onto the {color} cup",
-        "leave the {color} cup where it is and stack {number} cup(s) on it",
+        "leave the {color} cup where it is and stack {cups} on it",
     )
     variations = Grid(color=NAMES, number=("one", "two"))
     looks = ("color",)
     keyframes = frozenset({6, 11})
     remembers = "how many cups are stacked; the cups that stand alone tell it"
     spoils = frozenset({Failure.OVERCOUNT, Failure.DROPPED_OBJECT})
+
+    @classmethod
+    def words(cls, variation: Mapping[str, Value]) -> Mapping[str, Value]:
+        """Also the number as the paper's "cup(s)"."""
+        cups = {"one": "one cup", "two": "two cups"}[str(variation["number"])]
+        return {**variation, "cups": cups}
 
     def build(self) -> None:
         order = [NAMES[i] for i in self.layout.rng.permutation(len(NAMES))]
