@@ -31,16 +31,19 @@ def _folded(stages: Sequence[str]) -> str:
     return ", ".join(f"{name} x{count}" for name, count in counts)
 
 
-def options(points: Sequence[Point], observation: Observation) -> Options:
-    """The different next keyframes of the script points that look like an observation.
+def matching(points: Sequence[Point], observation: Observation) -> list[Point]:
+    """The script points that look like an observation.
 
-    When nothing looks like it (the policy has led itself astray) the nearest point alone counts.
+    When nothing looks like it (the policy has led itself astray) it is the nearest point alone.
     """
-    matching = [point for point in points if alike(point.observation, observation)]
-    if not matching:
-        matching = [min(points, key=lambda p: likeness(p.observation, observation).distance)]
+    found = [point for point in points if alike(point.observation, observation)]
+    return found or [min(points, key=lambda p: likeness(p.observation, observation).distance)]
+
+
+def options(points: Sequence[Point], observation: Observation) -> Options:
+    """The different next keyframes of the script points that look like an observation."""
     found: Options = {}
-    for point in matching:
+    for point in matching(points, observation):
         if not any(same_action(point.next, other.next) for other in found.values()):
             name = point.stage if point.stage not in found else f"{point.stage} {point.keyframes}"
             found[name] = point
@@ -59,13 +62,17 @@ class Amnesiac:
         """Take the episode whose scripts it may know."""
         self.spec = spec
 
+    def know(self, spec: EpisodeSpec, points: list[Point]) -> None:
+        """Take the scripts of an episode as found before: finding them means playing them."""
+        self.known, self.rolls, self.points = spec, 0, points
+
     def reset(self, instruction: str, policy_seed: int) -> None:
         """Learn the scripts of this scene; nothing of this episode is kept after a decision.
 
         Played again, an episode gets other odds of the same mix.
         """
         if self.known != self.spec:
-            self.known, self.rolls, self.points = self.spec, 0, library(self.spec)
+            self.know(self.spec, library(self.spec))
         self.rng = np.random.default_rng([policy_seed, self.rolls])
         self.rolls += 1
         mixes = committed(self.spec.task).get("mixes", {}) if self.mixes is None else self.mixes

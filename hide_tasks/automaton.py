@@ -22,6 +22,7 @@ from hide_tasks.script import Point
 Verdict = Literal["success", "exact"]
 Mix = dict[str, float]
 STARTS = 8  # of the search for the best odds
+SUREST = 14.0  # logits either way: a choice may be as sure as one in a million
 
 
 class Crossing(NamedTuple):
@@ -173,12 +174,7 @@ def best_mix(automata: Sequence[Automaton], verdict: Verdict, budget: int) -> tu
     rng = np.random.default_rng(0)
     starts = [np.zeros(len(names)), *rng.normal(0, 1.5, (STARTS - 1, len(names)))]
     found = [
-        minimize(
-            lambda x: -mean(x),
-            s,
-            method="Nelder-Mead",
-            options={"xatol": 1e-4, "fatol": 1e-7, "maxiter": 2000},
-        )
+        minimize(lambda x: -mean(x), s, method="L-BFGS-B", bounds=[(-SUREST, SUREST)] * len(names))
         for s in starts
     ]
     best = min(found, key=lambda one: float(one.fun))

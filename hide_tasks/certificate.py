@@ -14,6 +14,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from hide_tasks import load, suite
+from hide_tasks.adversaries import ADVERSARIES
 from hide_tasks.amnesiac import Amnesiac, signature
 from hide_tasks.automaton import Automaton, Verdict, best_mix, explore
 from hide_tasks.bullet.world import World
@@ -46,7 +47,8 @@ def certify(task: str, executor: Executor | None = None) -> dict[str, Any]:
     mixes = {one["signature"]: one["mix"] for one in explored}
     ceilings = _weighted(explored, [len(specs) for specs in groups.values()])
     specs = suite.episodes(task, "test")
-    played = [r for rolls in spread(play_amnesiac, specs, [mixes] * len(specs)) for r in rolls]
+    rounds = list(spread(play_without_memory, specs, [mixes] * len(specs)))
+    played = {name: [r for one in rounds for r in one[name]] for name in rounds[0]}
     samples = [s for found in spread(samples_of, suite.episodes(task, "train")) for s in found]
     document: dict[str, Any] = {
         "task": task,
@@ -54,7 +56,8 @@ def certify(task: str, executor: Executor | None = None) -> dict[str, Any]:
         "aliases": aliases,
         "ceilings": ceilings,
         "mixes": mixes,
-        "amnesiac": _measured(played),
+        "amnesiac": _measured(played.pop("amnesiac")),
+        "adversaries": {name: _measured(results) for name, results in played.items()},
         "probe": probe(samples),
     }
     document["verdict"], document["reason"] = judge(document)
@@ -175,10 +178,18 @@ def _weighted(explored: Sequence[dict[str, Any]], weights: Sequence[int]) -> dic
     }
 
 
-def play_amnesiac(spec: EpisodeSpec, mixes: dict[str, dict[str, float]]) -> list[EpisodeResult]:
-    """The policy without memory on one test episode, as often as its dice are rolled."""
-    policy = Amnesiac(mixes)
-    return [play(spec, policy)[0] for _ in range(ROLLS)]
+def play_without_memory(
+    spec: EpisodeSpec, mixes: dict[str, dict[str, float]]
+) -> dict[str, list[EpisodeResult]]:
+    """One test episode: the amnesiac, as often as its dice are rolled, and every adversary."""
+    amnesiac = Amnesiac(mixes)
+    found = {"amnesiac": [play(spec, amnesiac)[0] for _ in range(ROLLS)]}
+    for name, make in ADVERSARIES.items():
+        adversary = make()
+        if isinstance(adversary, Amnesiac):
+            adversary.know(spec, amnesiac.points)
+        found[name] = [play(spec, adversary)[0]]
+    return found
 
 
 def _measured(played: Sequence[EpisodeResult]) -> dict[str, Any]:
