@@ -2,7 +2,8 @@
 
 PYTHON ?= python3.11
 BIN := .venv/bin
-PIP := -qq --disable-pip-version-check -c constraints.txt # errors only
+# Errors only. Modules are compiled when they are first imported: all at once take 90 s more.
+PIP := -qq --disable-pip-version-check --no-compile -c constraints.txt
 NEEDS := HIDE-SEEK needs Python 3.11 with its venv module. On Debian: \
 	apt-get install git make python3.11 python3.11-venv (elsewhere: make setup PYTHON=/path/to/python3.11)
 

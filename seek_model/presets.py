@@ -7,9 +7,9 @@ counter, so here it is a row of its own (models.md A12).
 
 import difflib
 from collections.abc import Callable
+from typing import Literal
 
 from seek_model.config import (
-    Augment,
     Config,
     Language,
     Memory,
@@ -96,12 +96,14 @@ def _paper(name: str, model: Model, train: Train) -> Config:
     return Config(name=name, model=model, train=train.model_copy(update={"ema": 0.0}))
 
 
-def _rvt_train(*, batch: int, rate: float, steps: int, decay: float) -> Train:
+def _rvt_train(
+    *, batch: int, rate: float, steps: int, decay: float, precision: Literal["bf16", "fp32"]
+) -> Train:
     first = Phase(
         steps=steps, horizon=steps, warmup=2000, batch=batch, optimizer="lamb", rate=rate,
         decay=decay, clip=0.0,
     )  # fmt: skip
-    return Train(first=first, second=_NONE, augment=Augment(), zoom_noise=0.05)
+    return Train(first=first, second=_NONE, precision=precision)
 
 
 _NONE = Phase(steps=0, horizon=1, warmup=0, batch=1)
@@ -133,10 +135,14 @@ _MAKERS: dict[str, Callable[[], Config]] = {
     "sam2act_plus-small": _sam2act_plus_small,
     "seek-small": lambda: _small("seek-small", memory=_SMALL_MEMORY),
     "rvt-paper": lambda: _paper(
-        "rvt-paper", _RVT, _rvt_train(batch=24, rate=2.4e-3, steps=100_000, decay=1e-6)
+        "rvt-paper",
+        _RVT,
+        _rvt_train(batch=24, rate=2.4e-3, steps=100_000, decay=1e-6, precision="fp32"),
     ),
     "rvt2-paper": lambda: _paper(
-        "rvt2-paper", _RVT2, _rvt_train(batch=192, rate=2.4e-3, steps=80_000, decay=1e-4)
+        "rvt2-paper",
+        _RVT2,
+        _rvt_train(batch=192, rate=2.4e-3, steps=80_000, decay=1e-4, precision="bf16"),
     ),
     "sam2act-paper": lambda: _paper(
         "sam2act-paper", _SAM2ACT, _PLUS_TRAIN.model_copy(update={"second": _NONE})

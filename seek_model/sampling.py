@@ -17,7 +17,6 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from hide_tasks.contract import Split
 from seek_model.augment import NONE, Placement, draw, inside
 from seek_model.config import Augment, Phase, Train
 from seek_model.frames import Frames, Targets
@@ -68,7 +67,7 @@ class Sampler:
         if phase.batch % world:
             raise ValueError(f"A batch of {phase.batch} cannot be shared by {world} processes.")
         self.store, self.config, self.phase = store, config, phase
-        self.tasks = _tasks(store, "train", config.tasks)
+        self.tasks = _tasks(store, config.tasks)
         self.key = (seed, int(phase == config.second))
         self.elements = range(rank, phase.batch, world)
         self.archive = config.archive == "prefix" and phase.frames > 1
@@ -93,15 +92,15 @@ class Sampler:
         return cut.placed(self.config.augment, rng)
 
 
-def _tasks(store: Store, split: Split, wanted: Sequence[str]) -> tuple[str, ...]:
-    held = tuple(task for task in store.tasks if store.episodes(task, split))
+def _tasks(store: Store, wanted: Sequence[str]) -> tuple[str, ...]:
+    held = tuple(task for task in store.tasks if store.episodes(task, "train"))
     if missing := [task for task in wanted if task not in held]:
         raise ValueError(
-            f"{store.path} has no {split} episodes of {', '.join(missing)}; "
+            f"{store.path} has no train episodes of {', '.join(missing)}; "
             f"it has those of {', '.join(held) or 'no task'}."
         )
     if not held:
-        raise ValueError(f"{store.path} has no {split} episodes.")
+        raise ValueError(f"{store.path} has no train episodes.")
     return tuple(wanted) or held
 
 

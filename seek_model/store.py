@@ -250,7 +250,10 @@ def build(
     if there := _reusable(out, plan):
         return there
     if out.exists() and not _replaceable(out):
-        raise StoreError(f"{out} holds something else than a keyframe store; give another folder.")
+        raise StoreError(
+            f"{out} holds something else than a whole keyframe store. "
+            "Give another folder, or delete this one."
+        )
     _build_aside(out, plan, files, executor)
     return Store.open(out)
 

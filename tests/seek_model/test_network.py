@@ -179,15 +179,18 @@ def test_in_the_past_of_a_sequence_only_the_encoder_of_memory_learns() -> None:
     net, seen = network(MEMORY.model_copy(update={"window": 0})), frames(2, 4)
     supervised = torch.zeros(2, 4, dtype=torch.bool)
     supervised[:, 3:] = True  # what is remembered lies wholly in the past
-    learns: list[bool] = []
-    net.coarse.trunk.register_forward_hook(lambda *_: learns.append(torch.is_grad_enabled()))
+    learns: dict[str, list[bool]] = {"trunk": [], "decoder": []}
+    for name, told in learns.items():
+        part = getattr(net.coarse, name)
+        part.register_forward_hook(lambda *_, told=told: told.append(torch.is_grad_enabled()))
 
     loss = net(seen, targets(seen, supervised), coarse_only=True).coarse.decoded.logits.square()
     assert net.coarse.memory
     encoder = list(net.coarse.memory.encoder.parameters())
     given = torch.autograd.grad(loss.sum(), encoder, allow_unused=True)
 
-    assert learns == [False, True]  # the past is seen first, then the rest
+    assert learns["trunk"] == [False, True]  # the past is seen first, then the rest
+    assert learns["decoder"] == [False, False, False, True]  # step by step
     assert any(gradient is not None and gradient.abs().sum() > 0 for gradient in given)
 
 

@@ -6,7 +6,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from seek_model.clouds import SCALE
+from seek_model.clouds import SCALE, to_cube
 from seek_model.coarse import Coarse
 from seek_model.config import Config
 from seek_model.frames import Targets
@@ -130,6 +130,18 @@ def test_every_frame_of_every_task_is_counted_once(store: Store, network: Networ
     assert found["overall"]["frames"] == 16
     assert 0 <= found["overall"]["own_count"] <= 1
     assert network.training
+
+
+def test_episodes_are_whole_and_as_they_were_recorded(store: Store) -> None:
+    for task, [(frames, targets)] in whole_episodes(store, tiny().train).items():
+        part = store.part(task, "val")
+        there = frames.present
+
+        assert there.sum(dim=1).tolist() == [one.keyframes for one in store.episodes(task, "val")]
+        assert torch.equal(there, targets.supervised)
+        assert (targets.stop.argmax(dim=1) == there.sum(dim=1) - 1).all()
+        recorded = torch.tensor(to_cube(part.action_pose[:, :3]), dtype=torch.float32)
+        assert torch.allclose(targets.position[there], recorded, atol=1e-6)
 
 
 def test_fewer_episodes_can_be_asked_for(store: Store, network: Network) -> None:

@@ -1,6 +1,7 @@
 """Checkpoints on their way in: what is refused while they come, and what is left of them."""
 
 import asyncio
+import errno
 import hashlib
 from collections.abc import AsyncIterator, Callable
 from pathlib import Path
@@ -54,6 +55,16 @@ def test_an_empty_body_is_refused(tmp_path: Path) -> None:
 def test_a_full_disk_is_no_fault_of_ours(tmp_path: Path) -> None:
     with pytest.raises(Problem, match="disk is almost full") as raised:
         received([b"12"], tmp_path / "a", has_room=lambda: False)
+    assert raised.value.status == 507
+
+
+def test_a_disk_that_fills_up_in_between_is_told_as_such(tmp_path: Path) -> None:
+    async def coming() -> AsyncIterator[bytes]:
+        yield b"12"
+        raise OSError(errno.ENOSPC, "No space left on device")  # as writing would
+
+    with pytest.raises(Problem, match="disk is almost full") as raised:
+        asyncio.run(receive(coming(), tmp_path / "a", limit=100, has_room=lambda: True))
     assert raised.value.status == 507
 
 
