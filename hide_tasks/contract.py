@@ -356,7 +356,7 @@ class EpisodeResult(_Frozen):
     success: bool  # the paper's: the checks held at some step within the budget
     exact: bool  # success, no violation, still true at the end
     failure: Failure | None  # None only if exact
-    detail: str = ""  # the first error message, if a policy failed
+    detail: str = ""  # the error message if a policy failed; that the budget was spent
     decisions: int
     stage: str  # the stage the world called for at the end
     scene_hash: str

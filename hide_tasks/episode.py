@@ -143,6 +143,14 @@ class Episode:
             return self.rows >= suite.row_budget(self.spec.task)
         return len(self.records) >= self.budget
 
+    def spent_in_vain(self) -> str:
+        """Says so if the budget ran out before a verdict was reached."""
+        stopped = bool(self.records) and self.records[-1].action.stop
+        if not self.spent() or stopped or self.success_at is not None:
+            return ""
+        spent = f"{self.rows} rows of dense actions" if self.rows else f"{self.budget} decisions"
+        return f"The budget of {spent} is spent."
+
     def failure(self) -> Failure | None:
         """Why the episode is not exact; None if it is."""
         if self.world.violations:
@@ -190,7 +198,7 @@ def play(
             success=world.success,
             exact=failure is None,
             failure=failure,
-            detail=detail,
+            detail=detail or episode.spent_in_vain(),
             decisions=len(episode.records),
             stage=world.task.stage(),
             scene_hash=world.task.layout.scene_hash(world.task.instruction),

@@ -87,9 +87,31 @@ def episodes(task: str, split: Split, count: int | None = None) -> list[EpisodeS
 
 
 def build(spec: EpisodeSpec) -> Task:
-    """The task instance of an episode; its layout does not depend on the variation."""
+    """The task instance of an episode; its layout does not depend on the variation.
+
+    Raises:
+        UnknownTask: there is no such task.
+        ValueError: this build does not know the suite's version, the episode or the variation.
+    """
+    _require_known(spec)
     rng = _generator(spec.task, spec.split, 1, spec.index, spec.draw)
     return load(spec.task)(spec.variation, rng)
+
+
+def _require_known(spec: EpisodeSpec) -> None:
+    if (spec.suite, spec.version) != (SUITE, VERSION):
+        raise ValueError(
+            f"No suite {spec.suite} v{spec.version}: this build knows {SUITE} v{VERSION} alone."
+        )
+    episode(spec.task, spec.split, spec.index)
+    axes = load(spec.task).axes()
+    if spec.variation.keys() != axes.keys():
+        given, known = ", ".join(spec.variation) or "nothing", ", ".join(axes) or "nothing"
+        raise ValueError(f"A variation of {spec.task} chooses {known}; given: {given}.")
+    for axis, value in spec.variation.items():
+        if value not in axes[axis]:
+            known = ", ".join(map(str, axes[axis]))
+            raise ValueError(f"No {axis} '{value}' in {spec.task}: there are {known}.")
 
 
 def policy_seed(spec: EpisodeSpec) -> int:

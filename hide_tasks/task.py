@@ -142,6 +142,7 @@ class Task(ABC):
     keyframes: ClassVar[frozenset[int]]  # the paper's counts; a script has one of them
     looks: ClassVar[tuple[str, ...]] = ()  # axes that change how things look and nothing else
     remembers: ClassVar[str]  # the hidden state, in one sentence
+    failures: ClassVar[Mapping[Failure, str]]  # what goes wrong here, and how
     spoils: ClassVar[frozenset[Failure]] = (
         frozenset()
     )  # violations after which success is out of reach

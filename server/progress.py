@@ -33,7 +33,8 @@ class Reporter(Watcher):
     def finished(self, result: EpisodeResult) -> None:
         self.done += 1
         self.successes += result.success
-        if result.detail and not self.warned:  # whoever wrote the policy wants to know at once
+        erred = str(result.failure).startswith("policy")
+        if erred and not self.warned:  # whoever wrote the policy wants to know at once
             self.warned = True
             self.say(f"{result.task} {result.index}: {result.failure}: {result.detail}")
 

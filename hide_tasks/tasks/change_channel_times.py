@@ -6,6 +6,7 @@ same before the first press and after the last.
 """
 
 from collections.abc import Iterator, Mapping
+from typing import ClassVar
 
 import numpy as np
 
@@ -54,6 +55,15 @@ class ChangeChannelTimes(Task):
     variations = Grid(direction=("up", "minus"), count=(1, 2, 3))
     keyframes = frozenset({10, 12, 14})
     remembers = "how many presses are done"
+    failures: ClassVar = {
+        Failure.OVERCOUNT: "one press more than asked for",
+        Failure.UNDERCOUNT: "fewer presses than asked for",
+        Failure.WRONG_OBJECT: "the other button was pressed",
+        Failure.SKIPPED_STEP: "a press before the remote points at the television",
+        Failure.NOT_PLACED: "the remote never lay on its mat",
+        Failure.DROPPED_OBJECT: "the remote fell off the table",
+        Failure.NOT_WITHDRAWN: "the arm stayed at the button",
+    }
     spoils = frozenset({Failure.OVERCOUNT, Failure.DROPPED_OBJECT})
 
     @classmethod

@@ -7,6 +7,7 @@ next.
 
 import math
 from collections.abc import Iterator, Sequence
+from typing import ClassVar
 
 from hide_tasks.assets.block import Block
 from hide_tasks.assets.chip import Chip
@@ -46,6 +47,14 @@ class LiftAndCheck(Task):
     looks = ("color",)
     keyframes = frozenset({6, 11, 16, 21})
     remembers = "which blocks have been lifted"
+    failures: ClassVar = {
+        Failure.REPEATED_STEP: "a block was lifted again",
+        Failure.SKIPPED_STEP: "the next block was taken before the last one was back",
+        Failure.WRONG_OBJECT: "an empty block was put into the region",
+        Failure.UNFINISHED: "the chip was not found",
+        Failure.NOT_PLACED: "its block is not in the region",
+        Failure.DROPPED_OBJECT: "its block fell off the table",
+    }
     spoils = frozenset({Failure.DROPPED_OBJECT})
 
     def build(self) -> None:

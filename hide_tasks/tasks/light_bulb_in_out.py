@@ -6,6 +6,7 @@ in the hand: only the history tells where it came from. The light goes out when 
 
 import math
 from collections.abc import Iterator
+from typing import ClassVar
 
 import numpy as np
 
@@ -43,6 +44,14 @@ class LightBulbInOut(Task):
     looks = ("color",)
     keyframes = frozenset({10, 11})
     remembers = "which holder the bulb came from"
+    failures: ClassVar = {
+        Failure.WRONG_RECALL: "the bulb went back to the holder that it came from",
+        Failure.SKIPPED_STEP: "the bulb was put into the other holder unlit",
+        Failure.REPEATED_STEP: "the bulb was lit twice",
+        Failure.UNFINISHED: "the bulb never lit",
+        Failure.NOT_PLACED: "the lit bulb is not in the other holder",
+        Failure.DROPPED_OBJECT: "the bulb fell off the table",
+    }
     spoils = frozenset({Failure.DROPPED_OBJECT})
 
     def build(self) -> None:

@@ -5,6 +5,7 @@ empty, nothing shows on which coaster it stood.
 """
 
 from collections.abc import Iterator, Mapping
+from typing import ClassVar
 
 from hide_tasks.assets.coaster import HEIGHT, Coaster
 from hide_tasks.assets.colors import COLORS
@@ -39,6 +40,14 @@ class PourPutBack(Task):
     looks = ("color",)
     keyframes = frozenset({6, 7, 8})
     remembers = "on which coaster the cup stood"
+    failures: ClassVar = {
+        Failure.WRONG_RECALL: "the emptied cup went back to its own coaster",
+        Failure.SKIPPED_STEP: "the cup was put on the other coaster before it was emptied",
+        Failure.WRONG_OBJECT: "the other cup was taken",
+        Failure.UNFINISHED: "the liquid was not poured",
+        Failure.NOT_PLACED: "the emptied cup is on no coaster",
+        Failure.DROPPED_OBJECT: "liquid was spilled",
+    }
     spoils = frozenset({Failure.DROPPED_OBJECT})
 
     @classmethod
@@ -99,6 +108,10 @@ class PourPutBack(Task):
             when=lambda: self.pourings.total == 0,
         )
 
+        self.wrong = self.count(
+            "other_cup", lambda: float(self.robot.holds(self.target)), up=0.5, down=0.5
+        )
+
     def _pour(self) -> float:
         self.poured = self.target.standing_holds([d.position for d in self.droplets])
         return self.poured
@@ -143,6 +156,7 @@ class PourPutBack(Task):
         return (
             [Failure.WRONG_RECALL] * (self.returns.total > 0)
             + [Failure.SKIPPED_STEP] * (self.early.total > 0)
+            + [Failure.WRONG_OBJECT] * (self.wrong.total > 0)
             + [Failure.DROPPED_OBJECT] * any(map(self._spilled, self.droplets))
         )
 

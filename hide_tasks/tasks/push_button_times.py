@@ -6,6 +6,7 @@ when to stop.
 """
 
 from collections.abc import Iterator
+from typing import ClassVar
 
 from hide_tasks.assets.button import COUNTS_AGAIN_AT, COUNTS_AT, Button
 from hide_tasks.assets.colors import CLEAR_COLORS
@@ -31,6 +32,12 @@ class PushButtonTimes(Task):
     looks = ("color",)
     keyframes = frozenset({4, 6, 8, 10, 12})
     remembers = "how many presses are done"
+    failures: ClassVar = {
+        Failure.OVERCOUNT: "one press more than asked for",
+        Failure.UNDERCOUNT: "fewer presses than asked for",
+        Failure.WRONG_OBJECT: "a button of another colour was pressed",
+        Failure.NOT_WITHDRAWN: "the arm stayed at the button",
+    }
     spoils = frozenset({Failure.OVERCOUNT})
 
     def build(self) -> None:

@@ -5,6 +5,7 @@ the button is pressed nothing shows which drawer had been open.
 """
 
 from collections.abc import Iterator
+from typing import ClassVar
 
 import numpy as np
 
@@ -38,6 +39,12 @@ class ReopenDrawer(Task):
     variations = Grid(origin=LEVELS)
     keyframes = frozenset({10})
     remembers = "which drawer was open at the start"
+    failures: ClassVar = {
+        Failure.WRONG_RECALL: "a drawer was opened that was not open at the start",
+        Failure.SKIPPED_STEP: "the button was pressed, or the drawer opened, before its turn",
+        Failure.REPEATED_STEP: "the button was pressed or the drawer shut twice",
+        Failure.UNFINISHED: "not everything was done",
+    }
 
     def build(self) -> None:
         between = self.layout.between

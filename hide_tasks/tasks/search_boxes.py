@@ -5,6 +5,7 @@ at the start, so only the history tells which box comes next.
 """
 
 from collections.abc import Iterator
+from typing import ClassVar
 
 import numpy as np
 
@@ -51,6 +52,12 @@ class SearchBoxes(Task):
     variations = Grid(shoes_in=SIDES)
     keyframes = frozenset({15, 16, 23, 24})
     remembers = "which boxes have been searched"
+    failures: ClassVar = {
+        Failure.REPEATED_STEP: "a box was searched again",
+        Failure.UNFINISHED: "the shoes were not found",
+        Failure.NOT_PLACED: "not both shoes are in the region",
+        Failure.DROPPED_OBJECT: "a shoe fell off the table",
+    }
     spoils = frozenset({Failure.DROPPED_OBJECT})
 
     def build(self) -> None:

@@ -7,6 +7,7 @@ the one at the start, so only the history tells which side comes next.
 import itertools
 import math
 from collections.abc import Iterator
+from typing import ClassVar
 
 import numpy as np
 
@@ -56,6 +57,12 @@ class SearchCupFromCabinet(Task):
     variations = Grid(cup_on=SIDES)
     keyframes = frozenset({7, 8, 13, 14})
     remembers = "which sides have been searched"
+    failures: ClassVar = {
+        Failure.REPEATED_STEP: "a side was searched again",
+        Failure.UNFINISHED: "the cup was not found",
+        Failure.NOT_PLACED: "the cup is still in the cabinet or in the hand",
+        Failure.DROPPED_OBJECT: "the cup fell off the table",
+    }
     spoils = frozenset({Failure.DROPPED_OBJECT})
 
     def build(self) -> None:

@@ -5,6 +5,7 @@ like the one at the start, so only the history tells which drawer comes next.
 """
 
 from collections.abc import Iterator
+from typing import ClassVar
 
 import numpy as np
 
@@ -41,6 +42,12 @@ class SearchDrawer(Task):
     variations = Grid(item_in=LEVELS)
     keyframes = frozenset({9, 16, 23})
     remembers = "which drawers have been searched"
+    failures: ClassVar = {
+        Failure.REPEATED_STEP: "a drawer was searched again",
+        Failure.UNFINISHED: "the item was not found",
+        Failure.NOT_PLACED: "the item is not in the region",
+        Failure.DROPPED_OBJECT: "the item fell off the table",
+    }
     spoils = frozenset({Failure.DROPPED_OBJECT})
 
     def build(self) -> None:

@@ -5,6 +5,7 @@ the picture tells how many are stacked.
 """
 
 from collections.abc import Iterator
+from typing import ClassVar
 
 import numpy as np
 
@@ -39,6 +40,13 @@ class StackBlocks(Task):
     looks = ("color",)
     keyframes = frozenset({11, 17, 22, 23, 24})
     remembers = "how many blocks are stacked"
+    failures: ClassVar = {
+        Failure.OVERCOUNT: "one block more than asked for",
+        Failure.UNDERCOUNT: "fewer blocks than asked for",
+        Failure.UNFINISHED: "the hand still holds a block",
+        Failure.WRONG_OBJECT: "a block of another colour was taken",
+        Failure.DROPPED_OBJECT: "a block fell off the table",
+    }
     spoils = frozenset({Failure.OVERCOUNT})
 
     def build(self) -> None:

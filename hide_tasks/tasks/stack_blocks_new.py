@@ -5,6 +5,7 @@ of the colour: who counts those outside knows how many are inside.
 """
 
 from collections.abc import Iterator, Mapping
+from typing import ClassVar
 
 from hide_tasks.assets.block import Block
 from hide_tasks.assets.block_sets import scatter_blocks
@@ -36,6 +37,13 @@ class StackBlocksNew(Task):
     looks = ("color",)
     keyframes = frozenset({6, 11, 16, 17})
     remembers = "how many blocks are in the container"
+    failures: ClassVar = {
+        Failure.OVERCOUNT: "one block more than asked for",
+        Failure.UNDERCOUNT: "fewer blocks than asked for",
+        Failure.NOT_WITHDRAWN: "the arm stayed at the container",
+        Failure.WRONG_OBJECT: "a block of another colour was taken",
+        Failure.DROPPED_OBJECT: "a block fell off the table",
+    }
     spoils = frozenset({Failure.OVERCOUNT})
 
     def build(self) -> None:

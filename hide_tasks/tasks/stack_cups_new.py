@@ -7,6 +7,7 @@ many are stacked, so memory is hardly needed.
 from collections.abc import Iterator, Mapping
 from functools import partial
 from itertools import permutations
+from typing import ClassVar
 
 import numpy as np
 
@@ -41,6 +42,13 @@ class StackCupsNew(Task):
     looks = ("color",)
     keyframes = frozenset({6, 11})
     remembers = "how many cups are stacked; the cups that stand alone tell it"
+    failures: ClassVar = {
+        Failure.OVERCOUNT: "one cup more than asked for",
+        Failure.UNDERCOUNT: "fewer cups than asked for",
+        Failure.NOT_WITHDRAWN: "the arm stayed at the stack",
+        Failure.WRONG_OBJECT: "a cup was put into another than the named one",
+        Failure.DROPPED_OBJECT: "a cup fell off the table",
+    }
     spoils = frozenset({Failure.OVERCOUNT, Failure.DROPPED_OBJECT})
 
     @classmethod

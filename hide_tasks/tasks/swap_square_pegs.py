@@ -8,6 +8,7 @@ which ring moves next, and that it is done.
 import itertools
 import math
 from collections.abc import Iterator
+from typing import ClassVar
 
 import numpy as np
 
@@ -43,6 +44,13 @@ class SwapSquarePegs(Task):
     variations = Grid(red_and_blue_on=STARTS)
     keyframes = frozenset({MOVES * EACH})
     remembers = "where each ring was at the start, and how many moves are done"
+    failures: ClassVar = {
+        Failure.WRONG_RECALL: "three moves, but the rings did not change places",
+        Failure.REPEATED_STEP: "a fourth move",
+        Failure.UNFINISHED: "fewer than three moves",
+        Failure.NOT_PLACED: "a ring is on no peg",
+        Failure.DROPPED_OBJECT: "a ring fell off the table",
+    }
     # Three moves swap the rings and a fourth leads away; the way back is beyond the budget.
     spoils = frozenset({Failure.DROPPED_OBJECT, Failure.REPEATED_STEP})
 

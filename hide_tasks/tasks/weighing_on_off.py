@@ -5,6 +5,7 @@ one pose: once it is weighed, nothing shows from which container it came.
 """
 
 from collections.abc import Iterator
+from typing import ClassVar
 
 import numpy as np
 
@@ -39,6 +40,14 @@ class WeighingOnOff(Task):
     variations = Grid(origin=SIDES)
     keyframes = frozenset({11})
     remembers = "from which container the pepper came"
+    failures: ClassVar = {
+        Failure.WRONG_RECALL: "the pepper went back to the container that it came from",
+        Failure.SKIPPED_STEP: "the pepper was put into the other container unweighed",
+        Failure.REPEATED_STEP: "the pepper was weighed twice",
+        Failure.UNFINISHED: "the pepper was not weighed",
+        Failure.NOT_PLACED: "the weighed pepper is in no container",
+        Failure.DROPPED_OBJECT: "the pepper fell off the table",
+    }
     spoils = frozenset({Failure.DROPPED_OBJECT})
 
     def build(self) -> None:

@@ -6,6 +6,7 @@ dirt is to be seen until it is wiped away. The paper's own scores without memory
 """
 
 from collections.abc import Iterator, Sequence
+from typing import ClassVar
 
 import numpy as np
 
@@ -47,6 +48,12 @@ class WipeDeskRubbish(Task):
     variations = Grid()
     keyframes = frozenset({8, 9})
     remembers = "nothing: the rubbish and the dirt are to be seen"
+    failures: ClassVar = {
+        Failure.SKIPPED_STEP: "the desk was wiped before the rubbish was in the bin",
+        Failure.NOT_PLACED: "the rubbish is not in the bin",
+        Failure.UNFINISHED: "dirt is left",
+        Failure.DROPPED_OBJECT: "the rubbish or the sponge fell off the desk",
+    }
     spoils = frozenset({Failure.DROPPED_OBJECT})
 
     def build(self) -> None:

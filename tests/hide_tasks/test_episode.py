@@ -151,6 +151,7 @@ def test_the_budget_ends_an_episode():
 
     assert len(records) == load("push_button_times").budget() == 25
     assert result.failure is Failure.UNDERCOUNT
+    assert result.detail == f"The budget of {len(records)} decisions is spent."
 
 
 def test_a_wrong_drawer_is_a_wrong_recall():

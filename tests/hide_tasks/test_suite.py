@@ -24,6 +24,23 @@ def test_an_unknown_episode_is_told_what_there_is(split, index, word):
         suite.episode("search_drawer", split, index)
 
 
+@pytest.mark.parametrize(
+    ("change", "known"),
+    [
+        ({"version": 2}, "hide v1 alone"),
+        ({"suite": "seek"}, "hide v1 alone"),
+        ({"index": 25}, "0 to 24"),
+        ({"variation": {"item_in": "attic"}}, "top, middle, bottom"),
+        ({"variation": {"color": "red"}}, "chooses item_in; given: color"),
+    ],
+)
+def test_an_episode_that_this_build_does_not_know_is_told_what_there_is(change, known):
+    spec = suite.episode("search_drawer", "test", 3).model_copy(update=change)
+
+    with pytest.raises(ValueError, match=known):
+        suite.build(spec)
+
+
 def test_the_policy_seed_does_not_depend_on_the_hidden_state():
     spec = suite.episode("search_drawer", "test", 3)
     assert suite.policy_seed(spec) == suite.policy_seed(spec.twin({"item_in": "bottom"}))
