@@ -5,6 +5,7 @@ Davison 2022, PerAct 2022). The experts' keyframes come from their scripts; that
 them too shows that both speak of the same thing.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
@@ -82,5 +83,5 @@ def distinct(frames: Sequence[Frame], found: Sequence[int]) -> list[Frame]:
 
 def _same_place(a: Frame, b: Frame) -> bool:
     apart = float(np.linalg.norm(a.pose[:3] - b.pose[:3]))
-    turned = 2 * float(np.arccos(min(1.0, abs(a.pose[3:] @ b.pose[3:]))))
+    turned = 2 * math.acos(min(1.0, abs(float(a.pose[3:] @ b.pose[3:]))))
     return apart < NEAR and turned < ALIGNED
