@@ -303,6 +303,7 @@ class TaskPublic(BaseModel):
     keyframes: list[int]
     budget: int
     hidden_state: str
+    failures: dict[Failure, str]  # which can occur here, and how
     certificate: CertificatePublic | None
     aliases: list[AliasPublic]
     picture: str | None  # path

@@ -165,6 +165,7 @@ def _entry(name: str) -> dict[str, Any]:
         "keyframes": sorted(task.keyframes),
         "budget": task.budget(),
         "hidden_state": task.remembers,
+        "failures": {str(failure): how for failure, how in task.failures.items()},
         "certificate": proof and proof._asdict(),
     }
 

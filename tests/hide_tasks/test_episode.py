@@ -154,23 +154,6 @@ def test_the_budget_ends_an_episode():
     assert result.detail == f"The budget of {len(records)} decisions is spent."
 
 
-def test_a_wrong_drawer_is_a_wrong_recall():
-    spec = suite.episode("reopen_drawer", "val", 0)
-    other = next(v for v in ("top", "middle", "bottom") if v != spec.variation["origin"])
-    closing, opening = recorded(spec), recorded(spec.twin({"origin": other}))
-    result, _ = play(spec, Replay([*closing[:6], *opening[6:]]))
-
-    assert (result.success, result.failure) == (False, Failure.WRONG_RECALL)
-
-
-def test_searching_a_drawer_twice_is_a_repeated_step():
-    spec = suite.episode("search_drawer", "val", 0).twin({"item_in": "middle"})
-    actions = recorded(spec)
-    result, _ = play(spec, Replay([*actions[:7], *actions]))
-
-    assert (result.success, result.failure) == (True, Failure.REPEATED_STEP)
-
-
 def test_records_tell_the_hidden_state_after_every_decision():
     spec = twice()
     _, records = play(spec, Expert())

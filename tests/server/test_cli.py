@@ -37,6 +37,7 @@ def test_the_catalogue_as_json(capfd) -> None:
         "variations",
         "keyframes",
         "hidden_state",
+        "failures",
         "certificate",
     } <= set(entries[0])
 

@@ -9,13 +9,14 @@ from pathlib import Path
 import pytest
 from fastapi.testclient import TestClient
 
-from hide_tasks import ALL_TASKS
+from hide_tasks import ALL_TASKS, load
+from hide_tasks.certificates import committed
 from hide_tasks.contract import Failure
 from server.states import EpisodeState
 from tests.server import ledgers
 from tests.web import sites
 from tests.web.sites import Site
-from web.wording import FAILURES, OUTCOMES
+from web.wording import FAILURES, OUTCOMES, words
 
 WHOLE = ["/", "/?verdict=exact", "/?split=val", "/evaluations", "/evaluations/new", "/tasks"]
 STATES = ["completed", "running", "queued", "incomplete", "cancelled", "recorded"]
@@ -294,12 +295,21 @@ def test_every_failure_and_every_outcome_has_words() -> None:
 # --- tasks ---
 
 
+def test_a_tasks_page_says_what_can_go_wrong_and_how(client: TestClient) -> None:
+    text = unescape(page(client, "/tasks/weighing_on_off"))
+
+    for failure, how in load("weighing_on_off").failures.items():
+        assert words(failure) in text
+        assert how in text
+
+
 def test_a_task_shows_both_moments_of_every_alias_pair(client: TestClient) -> None:
     for name in ALL_TASKS:
         text = page(client, f"/tasks/{name}")
         pictures = re.findall(rf'src="(/static/tasks/{name}-alias-\d+-[ab]\.webp)"', text)
 
-        assert len(pictures) == 2 * text.count('class="alias"') > 0
+        pairs = len(committed(name)["aliases"])
+        assert len(pictures) == 2 * text.count('class="alias"') == 2 * pairs
         assert {client.get(one).status_code for one in pictures} == {200}
 
 

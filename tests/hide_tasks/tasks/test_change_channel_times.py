@@ -7,12 +7,13 @@ import pytest
 
 from hide_tasks import load, suite
 from hide_tasks.assets.remote import AHEAD, CAP_RISE, HEIGHT
+from hide_tasks.bullet.world import World
 from hide_tasks.contract import Failure, Keyframe
 from hide_tasks.episode import play
 from hide_tasks.motion.general import top_down
 from hide_tasks.panda import FINGERTIP
 from hide_tasks.policies import Expert, Replay
-from hide_tasks.poses import point
+from hide_tasks.poses import point, pose
 from hide_tasks.tasks.change_channel_times import PRESS
 
 POINTING = 6  # keyframes until the remote points at the television
@@ -90,6 +91,14 @@ def test_a_press_before_it_points_at_the_television_skips_a_step():
     result, _ = play(twice(), Replay([hover, press, hover, *recorded()]))
 
     assert (result.success, result.failure) == (True, Failure.SKIPPED_STEP)
+
+
+def test_a_remote_under_the_table_is_dropped():
+    with World(suite.build(twice())) as world:
+        world.task.remote.body.place(pose(0.3, 1.2, 0.6))
+
+        assert Failure.DROPPED_OBJECT in world.task.violations()
+    assert Failure.DROPPED_OBJECT in world.task.spoils
 
 
 def test_a_pressed_remote_does_not_stir():

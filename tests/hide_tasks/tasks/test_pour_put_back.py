@@ -53,11 +53,22 @@ def test_liquid_on_the_table_is_dropped_and_final():
     assert len(records) == 5
 
 
-@pytest.mark.parametrize(("done", "failure"), [(4, "unfinished"), (6, "not_placed")])
+def test_taking_the_other_cup_is_a_wrong_object():
+    with World(suite.build(LEFT)) as world:
+        task = world.task
+        apart = np.array(task.target.position) - task.source.position
+        for action in recorded("left")[:2]:
+            moved = np.array(action.position) + apart
+            world.execute(action.model_copy(update={"position": tuple(moved.tolist())}))
+
+        assert world.violations == [Failure.WRONG_OBJECT]
+
+
+@pytest.mark.parametrize(("done", "failure"), [(4, Failure.UNFINISHED), (6, Failure.NOT_PLACED)])
 def test_stopping_early_has_a_name(done, failure):
     result, _ = play(LEFT, Replay(recorded("left")[:done]))
 
-    assert result.failure == failure
+    assert result.failure is failure
 
 
 def test_droplets_are_seen_only_outside_of_standing_cups():

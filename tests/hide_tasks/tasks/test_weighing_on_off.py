@@ -40,12 +40,12 @@ def test_weighing_twice_is_a_repeated_step():
     assert (result.success, result.failure) == (True, Failure.REPEATED_STEP)
 
 
-@pytest.mark.parametrize(("done", "failure"), [(5, "unfinished"), (8, "not_placed")])
+@pytest.mark.parametrize(("done", "failure"), [(5, Failure.UNFINISHED), (8, Failure.NOT_PLACED)])
 def test_stopping_early_has_a_name(done, failure):
     actions = recorded("left")
     result, _ = play(LEFT, Replay(actions[:done]))
 
-    assert result.failure == failure
+    assert result.failure is failure
 
 
 def test_what_is_still_held_on_the_scale_is_not_weighed():

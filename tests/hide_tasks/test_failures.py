@@ -1,0 +1,51 @@
+"""Every task says which failures can occur in it, and a test of its own provokes each."""
+
+import ast
+from pathlib import Path
+
+import pytest
+
+from hide_tasks import ALL_TASKS, load
+from hide_tasks.certificates import committed
+from hide_tasks.contract import Failure
+from hide_tasks.tasks import __path__ as tasks_path
+
+TESTS = Path(__file__).parent / "tasks"
+NOT_THE_TASKS = {Failure.UNREACHABLE_POSE} | {f for f in Failure if f.startswith("policy")}
+
+
+def named(path: Path) -> set[Failure]:
+    """The failures that a file speaks of, outside of what declares them."""
+    tree = ast.parse(path.read_text())
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ClassDef):
+            node.body = [part for part in node.body if not isinstance(part, ast.AnnAssign)]
+    return {
+        Failure[node.attr]
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Attribute)
+        and isinstance(node.value, ast.Name)
+        and node.value.id == "Failure"
+    }
+
+
+@pytest.mark.parametrize("name", ALL_TASKS)
+def test_a_task_declares_the_failures_that_it_names(name):
+    assert named(Path(tasks_path[0], f"{name}.py")) == set(load(name).failures)
+    assert not NOT_THE_TASKS & set(load(name).failures)
+    assert load(name).spoils <= set(load(name).failures)
+
+
+@pytest.mark.parametrize("name", ALL_TASKS)
+def test_a_test_provokes_each(name):
+    assert set(load(name).failures) <= named(TESTS / f"test_{name}.py")
+
+
+@pytest.mark.parametrize("name", ALL_TASKS)
+def test_policies_that_played_it_failed_in_these_ways_alone(name):
+    proof = committed(name)
+    played = [proof["amnesiac"], *proof["adversaries"].values()]
+
+    assert {f for one in played for f in one["failures"]} <= set(
+        load(name).failures
+    ) | NOT_THE_TASKS
