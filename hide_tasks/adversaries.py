@@ -4,11 +4,7 @@ They have the amnesiac's perfect perception and skills, and choose by a rule ins
 certificate's odds.
 """
 
-from collections.abc import Sequence
-
-import numpy as np
-
-from hide_tasks.amnesiac import Amnesiac, matching, options
+from hide_tasks.amnesiac import Amnesiac, Options, matching
 from hide_tasks.contract import Action, Observation, Stop
 from hide_tasks.script import same_action
 
@@ -16,30 +12,32 @@ from hide_tasks.script import same_action
 class Searches(Amnesiac):
     """Picks any of the candidates: random search with perfect skills."""
 
-    def choose(self, names: Sequence[str]) -> str:
+    def pick(self, found: Options, observation: Observation) -> str:
         """One of them, each as likely as any other."""
-        return str(self.rng.choice(names))
+        return str(self.rng.choice(list(found)))
 
 
 class GoesOn(Amnesiac):
     """Never ends while something else can be done: presses for ever."""
 
-    def act(self, observation: Observation) -> Action:
-        """The first candidate that is not the last keyframe of its script, nor its last stage."""
-        found = options(self.points, observation)
+    def pick(self, found: Options, observation: Observation) -> str:
+        """The first candidate that is not in the last stage of a script."""
         last = {point.stage for point in self.points if point.next.stop}
-        going = [point for point in found.values() if point.stage not in last]
-        return (going or list(found.values()))[0].next
+        going = [name for name, point in found.items() if point.stage not in last]
+        return (going or list(found))[0]
 
 
 class MostCommon(Amnesiac):
     """Does what is right most often where the present looks like this."""
 
-    def act(self, observation: Observation) -> Action:
+    def pick(self, found: Options, observation: Observation) -> str:
         """The candidate that most of the matching moments of all histories call for."""
         there = matching(self.points, observation)
-        votes = [sum(same_action(point.next, other.next) for other in there) for point in there]
-        return there[int(np.argmax(votes))].next
+        votes = {
+            name: sum(same_action(option.next, point.next) for point in there)
+            for name, option in found.items()
+        }
+        return max(votes, key=lambda name: votes[name])
 
 
 class StopsAtOnce:
@@ -53,9 +51,9 @@ class StopsAtOnce:
         return Stop()
 
 
-ADVERSARIES = {
+CHOOSERS: dict[str, type[Amnesiac]] = {
     "goes_on": GoesOn,
     "searches": Searches,
     "most_common": MostCommon,
-    "stops_at_once": StopsAtOnce,
 }
+ADVERSARIES = (*CHOOSERS, "stops_at_once")

@@ -62,9 +62,10 @@ class Amnesiac:
         """Take the episode whose scripts it may know."""
         self.spec = spec
 
-    def know(self, spec: EpisodeSpec, points: list[Point]) -> None:
+    def know(self, spec: EpisodeSpec, points: Sequence[Point]) -> None:
         """Take the scripts of an episode as found before: finding them means playing them."""
-        self.known, self.rolls, self.points = spec, 0, points
+        self.spec = self.known = spec
+        self.rolls, self.points = 0, points
 
     def reset(self, instruction: str, policy_seed: int) -> None:
         """Learn the scripts of this scene; nothing of this episode is kept after a decision.
@@ -81,9 +82,11 @@ class Amnesiac:
     def act(self, observation: Observation) -> Action:
         """One of the candidates' next keyframes."""
         found = options(self.points, observation)
-        return found[self.choose(list(found))].next
+        name = self.pick(found, observation) if len(found) > 1 else next(iter(found))
+        return found[name].next
 
-    def choose(self, names: Sequence[str]) -> str:
-        """One of the options' names, by the mix; options that it does not name weigh 1."""
+    def pick(self, found: Options, observation: Observation) -> str:
+        """One of the options, by the mix; those that it does not name weigh 1."""
+        names = list(found)
         weights = np.array([self.weights.get(name, 1.0) for name in names]) + 1e-12
         return str(self.rng.choice(names, p=weights / weights.sum()))

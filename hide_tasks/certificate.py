@@ -14,10 +14,11 @@ from typing import Any, TypeVar
 import numpy as np
 
 from hide_tasks import load, suite
-from hide_tasks.adversaries import ADVERSARIES
+from hide_tasks.adversaries import CHOOSERS, StopsAtOnce
 from hide_tasks.amnesiac import Amnesiac, signature
 from hide_tasks.automaton import Automaton, Verdict, best_mix, explore
 from hide_tasks.bullet.world import World
+from hide_tasks.choices import Choices
 from hide_tasks.contract import CAMERAS, EpisodeResult, EpisodeSpec, Variation
 from hide_tasks.episode import play
 from hide_tasks.likeness import likeness
@@ -182,14 +183,16 @@ def play_without_memory(
     spec: EpisodeSpec, mixes: dict[str, dict[str, float]]
 ) -> dict[str, list[EpisodeResult]]:
     """One test episode: the amnesiac, as often as its dice are rolled, and every adversary."""
-    amnesiac = Amnesiac(mixes)
-    found = {"amnesiac": [play(spec, amnesiac)[0] for _ in range(ROLLS)]}
-    for name, make in ADVERSARIES.items():
-        adversary = make()
-        if isinstance(adversary, Amnesiac):
-            adversary.know(spec, amnesiac.points)
-        found[name] = [play(spec, adversary)[0]]
-    return found
+    choices = Choices(spec, library(spec))
+    found: dict[str, list[EpisodeResult]] = {}
+    for name, policy in {"amnesiac": Amnesiac(mixes), **_choosers()}.items():
+        policy.know(spec, choices.points)
+        found[name] = [choices.play(policy) for _ in range(ROLLS if name == "amnesiac" else 1)]
+    return {**found, "stops_at_once": [play(spec, StopsAtOnce())[0]]}
+
+
+def _choosers() -> dict[str, Amnesiac]:
+    return {name: make() for name, make in CHOOSERS.items()}
 
 
 def _measured(played: Sequence[EpisodeResult]) -> dict[str, Any]:
