@@ -26,6 +26,7 @@ INK, PAPER = (40, 40, 44), (255, 255, 255)
 ORIGINS = {"top": (217, 154, 94), "bottom": (84, 132, 176)}
 
 LARGE = 512
+THUMB, GAP, COLUMNS = 176, 16, 3  # of the contact sheet, pixels
 QUALITY = 82  # of WebP; keeps every picture under 40 KB
 EYE, EYE_TARGET = np.array((-0.28, -1.42, 1.78)), np.array((0.13, -0.02, 0.97))  # m
 EYE_ANGLE = 42.0  # degrees
@@ -34,14 +35,13 @@ ALIAS_VIEWS = {"push_button_times": "front"}  # else the right shoulder
 Picture = NDArray[np.uint8]
 
 
-def frames(spec: EpisodeSpec, moments: list[int], view: str, size: int) -> list[Picture]:
+def frames(spec: EpisodeSpec, moments: list[int], view: Camera) -> list[Picture]:
     """What a camera sees after so many keyframes of the expert; -1 is the end."""
     found: dict[int, Picture] = {}
     with World(suite.build(spec)) as world:
 
         def look() -> Picture:
-            cameras = [camera(view, size, size)]
-            images = world.renderer.render(cameras, world.poses(), supersample=2)
+            images = world.renderer.render([view], world.poses(), supersample=2)
             return np.asarray(images.rgb[0])
 
         for done, (_, keyframe) in enumerate(script(world.task)):
@@ -71,7 +71,9 @@ def alias_pictures(task: str, why: str) -> tuple[Image.Image, Image.Image]:
     spec, alias = example(task, why)
     view = ALIAS_VIEWS.get(task, "right_shoulder")
     first, second = (
-        Image.fromarray(frames(spec.twin(moment.twin), [moment.keyframes], view, SIZE)[0])
+        Image.fromarray(
+            frames(spec.twin(moment.twin), [moment.keyframes], camera(view, SIZE, SIZE))[0]
+        )
         for moment in (alias.first, alias.second)
     )
     return first, second
@@ -116,7 +118,8 @@ def same_picture_other_action() -> Image.Image:
     spec = suite.episode("reopen_drawer", "val", 4)
     for column, (origin, ink) in enumerate(ORIGINS.items()):
         left = column * (SIZE + 12)
-        start, now = frames(spec.twin({"origin": origin}), [0, 6], "left_shoulder", SIZE)
+        view = camera("left_shoulder", SIZE, SIZE)
+        start, now = frames(spec.twin({"origin": origin}), [0, 6], view)
         sheet.paste(Image.fromarray(start), (left, CAPTION))
         sheet.paste(Image.fromarray(now), (left, SIZE + 2 * CAPTION))
         middle = left + SIZE // 2
@@ -129,15 +132,24 @@ def same_picture_other_action() -> Image.Image:
 
 def contact_sheet() -> Image.Image:
     """Start, middle and end of an expert's episode of every task."""
-    size = 224
-    sheet = Image.new("RGB", (3 * size, len(ALL_TASKS) * (size + CAPTION)), PAPER)
-    for row, name in enumerate(ALL_TASKS):
-        top = row * (size + CAPTION)
-        labelled(sheet, (sheet.width // 2, top + CAPTION // 2), name)
-        pictures = frames(suite.episode(name, "val", 0), [0, 4, -1], "right_shoulder", size)
-        for column, picture in enumerate(pictures):
-            sheet.paste(Image.fromarray(picture), (column * size, top + CAPTION))
+    width, height = 3 * THUMB + GAP, THUMB + CAPTION
+    rows = -(-len(ALL_TASKS) // COLUMNS)
+    sheet = Image.new("RGB", (COLUMNS * width - GAP, rows * height), PAPER)
+    for number, name in enumerate(ALL_TASKS):
+        row, column = divmod(number, COLUMNS)
+        labelled(sheet, (column * width + 3 * THUMB // 2, row * height + CAPTION // 2), name)
+        for place, picture in enumerate(start_middle_end(name)):
+            at = (column * width + place * THUMB, row * height + CAPTION)
+            sheet.paste(Image.fromarray(picture), at)
     return sheet
+
+
+def start_middle_end(name: str) -> list[Picture]:
+    """Three moments of the expert's longest episode in val."""
+    keyframes = suite.committed(name)["splits"]["val"]["keyframes"]
+    longest = max(range(len(keyframes)), key=lambda i: keyframes[i])
+    moments = [0, keyframes[longest] // 2, -1]
+    return frames(suite.episode(name, "val", longest), moments, spectator(THUMB))
 
 
 if __name__ == "__main__":

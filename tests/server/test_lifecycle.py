@@ -122,7 +122,8 @@ def test_the_oldest_goes_first_among_equals(database: Database) -> None:
 def test_the_tasks_of_an_evaluation_go_side_by_side(database: Database) -> None:
     with database.writing() as session:
         ledgers.created(session, episodes=10)
-        order = [(shard.first_index, shard.task) for _, shard in (lease(session) for _ in range(6))]
+        leased = [lease(session) for _ in range(2 * len(ALL_TASKS))]
+        order = [(shard.first_index, shard.task) for _, shard in leased]
 
     assert order == [(first, task) for first in (0, 5) for task in sorted(ALL_TASKS)]
 
