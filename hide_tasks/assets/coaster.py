@@ -10,6 +10,7 @@ from hide_tasks.assets.colors import RGB
 RADIUS = 0.05  # m
 HEIGHT = 0.006  # m
 NEAR = 0.03  # m of a cup's axis from the middle: it stands on the coaster
+FLAT = 0.005  # m, less than the floor of a cup that could stand between them
 CORK: RGB = (168, 112, 66)
 
 
@@ -27,4 +28,4 @@ class Coaster(Asset):
     def carries(self, position: Sequence[float], height: float) -> bool:
         """True when a thing of that height, its middle at a point of the world, stands on it."""
         x, y, z = (p - q for p, q in zip(position, self.at[:3].tolist(), strict=True))
-        return math.hypot(x, y) <= NEAR and abs(z - HEIGHT - height / 2) < 0.01
+        return math.hypot(x, y) <= NEAR and abs(z - HEIGHT - height / 2) < FLAT

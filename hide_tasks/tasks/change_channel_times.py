@@ -60,7 +60,7 @@ class ChangeChannelTimes(Task):
         Failure.UNDERCOUNT: "fewer presses than asked for",
         Failure.WRONG_OBJECT: "the other button was pressed",
         Failure.SKIPPED_STEP: "a press before the remote points at the television",
-        Failure.NOT_PLACED: "the remote never lay on its mat",
+        Failure.NOT_PLACED: "the remote is not on its mat",
         Failure.DROPPED_OBJECT: "the remote fell off the table",
         Failure.NOT_WITHDRAWN: "the arm stayed at the button",
     }
@@ -104,7 +104,7 @@ class ChangeChannelTimes(Task):
     def stage(self) -> str:
         if not self.seat.taken:
             return "point the remote"
-        if self.presses.total == self.variation.count:
+        if self.presses.total >= self.variation.count:
             return "withdraw"
         return "press" if self.presses.total else "reach"
 

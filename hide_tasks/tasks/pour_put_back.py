@@ -113,7 +113,8 @@ class PourPutBack(Task):
         )
 
     def _pour(self) -> float:
-        self.poured = self.target.standing_holds([d.position for d in self.droplets])
+        left = [d.position for d in self.droplets if not self.source.holds(d.position)]
+        self.poured = self.target.standing_holds(left)
         return self.poured
 
     def _stands_on(self, side: str) -> bool:

@@ -54,7 +54,7 @@ class PushButtonTimes(Task):
         return {"presses_done": self.presses.total}
 
     def stage(self) -> str:
-        if self.presses.total == self.variation.count:
+        if self.presses.total >= self.variation.count:
             return "withdraw"
         return "press" if self.presses.total else "reach"
 

@@ -4,7 +4,7 @@ HIDE appendix A.1 (b). The tower is in plain view and there are always four bloc
 the picture tells how many are stacked.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import ClassVar
 
 import numpy as np
@@ -69,7 +69,7 @@ class StackBlocks(Task):
 
     def checks(self) -> Checks:
         return {
-            "count_stacked": self._stacked() == self.variation.count,
+            "count_stacked": self._stacked() == self.variation.count == len(self._on_patch()),
             "gripper_empty": not any(map(self.robot.holds, self._blocks())),
         }
 
@@ -79,7 +79,7 @@ class StackBlocks(Task):
         return Failure.UNFINISHED
 
     def violations(self) -> list[Failure]:
-        over = self._stacked() > self.variation.count
+        over = len(self._on_patch()) > self.variation.count
         wrong = any(map(self.robot.holds, self.distractors))
         fell = any(block.position[2] < TABLE_TOP - FELL for block in self._blocks())
         return (
@@ -95,16 +95,34 @@ class StackBlocks(Task):
         return [*self.targets, *self.distractors]
 
     def _stacked(self) -> int:
-        """How many levels of the tower on the patch are blocks of the colour that are let go."""
-        loose = [block for block in self.targets if not self.robot.holds(block)]
-        tower = 0
-        while any(self._stands_at(block, tower + 1) for block in loose):
-            tower += 1
+        """How many blocks of the colour stand on the patch, each on the one before."""
+        left, tower = self._on_patch(), 0
+        below: Sequence[float] = self.patch.at.tolist()
+        while (block := self._next(left, tower + 1, below)) is not None:
+            left.remove(block)
+            tower, below = tower + 1, block.position
         return tower
 
-    def _stands_at(self, block: Block, number: int) -> bool:
-        x, y, z = (float(p - q) for p, q in zip(block.position, self._level(number), strict=True))
-        return max(abs(x), abs(y)) <= SIDE / 2 and abs(z) <= TILTED
+    def _next(self, left: list[Block], number: int, below: Sequence[float]) -> Block | None:
+        """The block that stands at a level, over what is below."""
+        height = self._level(number)[2]
+        reach = SIDE / 2 if number == 1 else SIZE / 2
+        for block in left:
+            x, y, z = block.position
+            over = max(abs(x - below[0]), abs(y - below[1])) <= reach
+            if over and abs(z - height) <= TILTED:
+                return block
+        return None
+
+    def _on_patch(self) -> list[Block]:
+        """The blocks of the colour that are over the patch, at any height, and let go."""
+        return [
+            block for block in self.targets if not self.robot.holds(block) and self._over(block)
+        ]
+
+    def _over(self, block: Block) -> bool:
+        x, y, _ = block.position
+        return bool(max(abs(x - self.patch.at[0]), abs(y - self.patch.at[1])) <= SIDE / 2)
 
     def _level(self, number: int) -> Array:
         """The middle of the tower's numbered block."""

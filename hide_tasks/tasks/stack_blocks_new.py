@@ -29,6 +29,7 @@ FELL = 0.1  # m under the table's top
 class StackBlocksNew(Task):
     category = Category.REPETITION_COUNTING
     instructions = (
+        "put {count} {color} {blocks} into the rectangular container",
         "put {count} {color} {blocks} into the rectangular container in the center",
         "place {count} of the {color} cubes inside the open box in the middle of the table",
         "drop {count} {color} {blocks} into the open-top container",
@@ -40,6 +41,7 @@ class StackBlocksNew(Task):
     failures: ClassVar = {
         Failure.OVERCOUNT: "one block more than asked for",
         Failure.UNDERCOUNT: "fewer blocks than asked for",
+        Failure.UNFINISHED: "the hand still holds a block",
         Failure.NOT_WITHDRAWN: "the arm stayed at the container",
         Failure.WRONG_OBJECT: "a block of another colour was taken",
         Failure.DROPPED_OBJECT: "a block fell off the table",
@@ -84,7 +86,8 @@ class StackBlocksNew(Task):
     def missing(self) -> Failure:
         if self._inside() < self.variation.count:
             return Failure.UNDERCOUNT
-        return Failure.NOT_WITHDRAWN
+        held = any(map(self.robot.holds, self._blocks()))
+        return Failure.UNFINISHED if held else Failure.NOT_WITHDRAWN
 
     def violations(self) -> list[Failure]:
         over = self._inside() > self.variation.count

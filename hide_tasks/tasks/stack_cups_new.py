@@ -45,11 +45,12 @@ class StackCupsNew(Task):
     failures: ClassVar = {
         Failure.OVERCOUNT: "one cup more than asked for",
         Failure.UNDERCOUNT: "fewer cups than asked for",
+        Failure.UNFINISHED: "the hand still holds a cup",
         Failure.NOT_WITHDRAWN: "the arm stayed at the stack",
         Failure.WRONG_OBJECT: "a cup was put into another than the named one",
         Failure.DROPPED_OBJECT: "a cup fell off the table",
     }
-    spoils = frozenset({Failure.OVERCOUNT, Failure.DROPPED_OBJECT})
+    spoils = frozenset({Failure.OVERCOUNT})
 
     @classmethod
     def words(cls, variation: Mapping[str, Value]) -> Mapping[str, Value]:
@@ -66,10 +67,8 @@ class StackCupsNew(Task):
             cup.at[2] += cup.height / 2
         self.base, *self.others = cups
         self.wanted = ("one", "two").index(str(self.variation.number)) + 1
-        self.stackings = [
+        for cup in self.others:
             self.count(f"{cup.color}_stacking", partial(self._sits, cup), up=0.5, down=0.5)
-            for cup in self.others
-        ]
         self.wrong = self.count("wrong_stacking", self._astray, up=0.5, down=0.5)
 
     def _sits(self, cup: Cup) -> float:
@@ -102,10 +101,11 @@ class StackCupsNew(Task):
         return "withdraw" if done >= self.wanted else f"stack {('first', 'second')[done]}"
 
     def expert(self) -> Iterator[Stage]:
-        for number, cup in enumerate(self._nearest_first()[: self.wanted]):
+        order = self._nearest_first()
+        for number, cup in enumerate(order[: self.wanted]):
             here, goal = np.array(cup.position), self._place(number)
-            alone = [c for c in self.others if c is not cup and not self._sits(c)]
-            side = freest_side(cup, goal, [np.array(c.position) for c in alone])
+            alone = [np.array(other.position) for other in order[number + 1 :]]
+            side = freest_side(cup, goal, alone)
             yield Stage(
                 f"stack {('first', 'second')[number]}",
                 rim_move(here, cup, side, HOVER, opened=True),
@@ -135,10 +135,11 @@ class StackCupsNew(Task):
     def missing(self) -> Failure:
         if self.stacked < self.wanted:
             return Failure.UNDERCOUNT
-        return Failure.NOT_WITHDRAWN
+        held = any(map(self.robot.holds, (self.base, *self.others)))
+        return Failure.UNFINISHED if held else Failure.NOT_WITHDRAWN
 
     def violations(self) -> list[Failure]:
-        over = sum(counter.total > 0 for counter in self.stackings) > self.wanted
+        over = self.stacked > self.wanted
         cups = (self.base, *self.others)
         fell = any(cup.position[2] < TABLE_TOP - FELL for cup in cups)
         return (

@@ -92,8 +92,11 @@ class WeighingOnOff(Task):
         )
 
     def _read(self) -> float:
-        on_pan = self.scale.carries(self.pepper.position)
-        return float(on_pan * min(self.scale.steady, self.pepper.loose))
+        """For how many steps the scale has shown it; once read, it is until it leaves the pan."""
+        if not self.scale.carries(self.pepper.position):
+            return 0.0
+        read = min(self.scale.steady, self.pepper.loose)
+        return float(max(read, DWELL if self.weighings.high else 0))
 
     def _lies_in(self, tray: Tray) -> bool:
         return not self.robot.holds(self.pepper) and tray.contains(self.pepper.position)
@@ -106,8 +109,8 @@ class WeighingOnOff(Task):
             return "weigh"
         if self._lies_in(self.target):
             return "withdraw"
-        x, y, z = self.pepper.position
-        lifted = not self.scale.carries((x, y, z - LIFTED))
+        _, _, z = self.pepper.position
+        lifted = z - self.scale.top[2] > HEIGHT / 2 + LIFTED
         return f"to {self.goal}" if lifted and self.robot.holds(self.pepper) else "take"
 
     def expert(self) -> Iterator[Stage]:
