@@ -8,6 +8,7 @@ chooses among their next keyframes with weights that the certificate optimised o
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hide_tasks.bullet.world import World
 from hide_tasks.certificates import committed
@@ -16,6 +17,7 @@ from hide_tasks.likeness import alike, likeness
 from hide_tasks.script import Point, library, same_action
 
 Options = dict[str, Point]  # by the name of the stage that they begin or go on with
+Mix = Mapping[str, Mapping[str, float]]  # by what is open, the odds of each option
 
 
 def signature(points: Sequence[Point]) -> str:
@@ -45,7 +47,8 @@ def options(points: Sequence[Point], observation: Observation) -> Options:
     found: Options = {}
     for point in matching(points, observation):
         if not any(same_action(point.next, other.next) for other in found.values()):
-            name = point.stage if point.stage not in found else f"{point.stage} {point.keyframes}"
+            again = f"{point.stage} {point.script}.{point.keyframes}"
+            name = again if point.stage in found else point.stage
             found[name] = point
     return found
 
@@ -53,7 +56,7 @@ def options(points: Sequence[Point], observation: Observation) -> Options:
 class Amnesiac:
     """Chooses by the mixes of the certificate, or by those that it is given."""
 
-    def __init__(self, mixes: Mapping[str, Mapping[str, float]] | None = None):
+    def __init__(self, mixes: Mapping[str, Mix] | None = None):
         self.mixes = mixes
         self.known: EpisodeSpec | None = None  # whose scripts it has
         self.rolls = 0  # how often it played that episode
@@ -77,7 +80,7 @@ class Amnesiac:
         self.rng = np.random.default_rng([policy_seed, self.rolls])
         self.rolls += 1
         mixes = committed(self.spec.task).get("mixes", {}) if self.mixes is None else self.mixes
-        self.weights: Mapping[str, float] = mixes.get(signature(self.points), {})
+        self.mix: Mix = mixes.get(signature(self.points), {})
 
     def act(self, observation: Observation) -> Action:
         """One of the candidates' next keyframes."""
@@ -86,7 +89,18 @@ class Amnesiac:
         return found[name].next
 
     def pick(self, found: Options, observation: Observation) -> str:
-        """One of the options, by the mix; those that it does not name weigh 1."""
+        """One of the options, by the mix; all alike where it does not know them."""
         names = list(found)
-        weights = np.array([self.weights.get(name, 1.0) for name in names]) + 1e-12
-        return str(self.rng.choice(names, p=weights / weights.sum()))
+        return str(self.rng.choice(names, p=odds(self.mix, names)))
+
+
+def odds(mix: Mix, names: Sequence[str]) -> NDArray[np.float64]:
+    """The probability of each of the options that are open; they are named in any order."""
+    weights = mix.get(look(names), {})
+    found = np.array([weights.get(name, 1.0) for name in names]) + 1e-12
+    return np.asarray(found / found.sum())
+
+
+def look(names: Sequence[str]) -> str:
+    """What a mix calls a present in which these options are open."""
+    return " / ".join(sorted(names))

@@ -6,21 +6,22 @@ it is explored by playing every choice once, and the best odds are computed from
 """
 
 import json
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cache
 from typing import Literal, NamedTuple
 
 import numpy as np
 from scipy.optimize import minimize
 
-from hide_tasks.amnesiac import options
+from hide_tasks.amnesiac import Mix, look, odds, options
 from hide_tasks.bullet.world import World
 from hide_tasks.contract import Action, EpisodeSpec, Observation
 from hide_tasks.episode import play
 from hide_tasks.script import Point
 
 Verdict = Literal["success", "exact"]
-Mix = dict[str, float]
 STARTS = 8  # of the search for the best odds
 SUREST = 14.0  # logits either way: a choice may be as sure as one in a million
 
@@ -48,25 +49,28 @@ class Automaton:
     start: Road
     roads: dict[tuple[Crossing, str], Road] = field(default_factory=dict)
 
-    def value(self, mix: Mapping[str, float], verdict: Verdict, budget: int) -> float:
+    def value(self, mix: Mix, verdict: Verdict, budget: int) -> float:
         """The probability of a verdict within the budget, by fixed odds."""
         known: dict[tuple[Crossing, int], float] = {}
 
+        @cache
+        def chances(names: tuple[str, ...]) -> list[float]:
+            return [float(value) for value in odds(mix, names)]
+
         def along(road: Road, used: int) -> float:
-            if road.success_after is not None:
-                in_time = used + road.success_after <= budget
-                return float(in_time and (verdict == "success" or road.exact))
-            if road.end is None or used + road.decisions >= budget:
+            if road.success_after is not None and verdict == "success":
+                return float(used + road.success_after <= budget)
+            if road.end is None:
+                return float(road.exact and used + (road.success_after or 0) <= budget)
+            if used + road.decisions >= budget:
                 return 0.0
             return at(road.end, used + road.decisions)
 
         def at(crossing: Crossing, used: int) -> float:
             if (crossing, used) not in known:
-                odds = np.array([mix.get(name, 1.0) for name in crossing.options]) + 1e-12
                 roads = [self.roads[crossing, name] for name in crossing.options]
-                known[crossing, used] = float(
-                    sum(o * along(r, used) for o, r in zip(odds / odds.sum(), roads, strict=True))
-                )
+                parts = zip(chances(crossing.options), roads, strict=True)
+                known[crossing, used] = sum(o * along(r, used) for o, r in parts)
             return known[crossing, used]
 
         return along(self.start, 0)
@@ -163,13 +167,19 @@ def _run(
 
 def best_mix(automata: Sequence[Automaton], verdict: Verdict, budget: int) -> tuple[Mix, float]:
     """The odds that maximise a verdict's mean probability over equally likely truths."""
-    names = sorted({name for a in automata for crossing, _ in a.roads for name in crossing.options})
+    looks = {look(crossing.options): crossing.options for a in automata for crossing, _ in a.roads}
+    names = [(kind, name) for kind in sorted(looks) for name in sorted(looks[kind])]
     if not names:
         return {}, float(np.mean([a.value({}, verdict, budget) for a in automata]))
 
+    def mixed(logits: np.ndarray) -> dict[str, dict[str, float]]:
+        mix: dict[str, dict[str, float]] = {kind: {} for kind in looks}
+        for (kind, name), logit in zip(names, logits.tolist(), strict=True):
+            mix[kind][name] = math.exp(logit)
+        return mix
+
     def mean(logits: np.ndarray) -> float:
-        mix = dict(zip(names, np.exp(logits - logits.max()).tolist(), strict=True))
-        return float(np.mean([a.value(mix, verdict, budget) for a in automata]))
+        return float(np.mean([a.value(mixed(logits), verdict, budget) for a in automata]))
 
     rng = np.random.default_rng(0)
     starts = [np.zeros(len(names)), *rng.normal(0, 1.5, (STARTS - 1, len(names)))]
@@ -178,5 +188,10 @@ def best_mix(automata: Sequence[Automaton], verdict: Verdict, budget: int) -> tu
         for s in starts
     ]
     best = min(found, key=lambda one: float(one.fun))
-    odds = np.exp(best.x - best.x.max())
-    return dict(zip(names, (odds / odds.sum()).round(6).tolist(), strict=True)), -float(best.fun)
+    mix = {
+        kind: dict(
+            zip(weights, odds({kind: weights}, list(weights)).round(6).tolist(), strict=True)
+        )
+        for kind, weights in mixed(best.x).items()
+    }
+    return mix, -float(best.fun)

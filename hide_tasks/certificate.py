@@ -15,7 +15,7 @@ import numpy as np
 
 from hide_tasks import load, suite
 from hide_tasks.adversaries import CHOOSERS, StopsAtOnce
-from hide_tasks.amnesiac import Amnesiac, signature
+from hide_tasks.amnesiac import Amnesiac, Mix, signature
 from hide_tasks.automaton import Automaton, Verdict, best_mix, explore
 from hide_tasks.bullet.world import World
 from hide_tasks.choices import Choices
@@ -76,12 +76,15 @@ def judge(document: dict[str, Any]) -> tuple[str, str]:
     if not all(alias["verified"] for alias in document["aliases"]):
         return "weak", "A declared pair of moments can be told apart or calls for one action."
     if ceiling > STRONG:
-        return "weak", f"A perfect policy without memory is exact in {ceiling:.0%} of the episodes."
+        return (
+            "weak",
+            f"Without memory the expert's keyframes are exact in {ceiling:.0%} of the episodes.",
+        )
     if not report["blind"]:
         return "weak", "A classifier reads the next action from the picture at the alias points."
     return "strong", (
-        f"At the alias points the picture does not tell the next action, and without memory at "
-        f"most {ceiling:.0%} of the episodes are exact."
+        f"At the alias points the picture does not tell the next action, and whoever plays the "
+        f"expert's keyframes without memory is exact in at most {ceiling:.0%} of the episodes."
     )
 
 
@@ -179,9 +182,7 @@ def _weighted(explored: Sequence[dict[str, Any]], weights: Sequence[int]) -> dic
     }
 
 
-def play_without_memory(
-    spec: EpisodeSpec, mixes: dict[str, dict[str, float]]
-) -> dict[str, list[EpisodeResult]]:
+def play_without_memory(spec: EpisodeSpec, mixes: dict[str, Mix]) -> dict[str, list[EpisodeResult]]:
     """One test episode: the amnesiac, as often as its dice are rolled, and every adversary."""
     choices = Choices(spec, library(spec))
     found: dict[str, list[EpisodeResult]] = {}
@@ -210,28 +211,35 @@ def _measured(played: Sequence[EpisodeResult]) -> dict[str, Any]:
 
 def samples_of(spec: EpisodeSpec) -> list[Sample]:
     """The alias points of an episode and its twins, each moment once."""
-    moments = _moments(suite.build(spec))
-    samples = []
-    for twin, counts in moments.items():
-        samples += _samples(spec, json.loads(twin), counts)
-    return samples
+    groups = _groups_of(suite.build(spec))
+    by_twin: dict[str, dict[int, int]] = defaultdict(dict)
+    for (twin, count), group in groups.items():
+        by_twin[twin][count] = group
+    found = [_samples(spec, json.loads(twin), counts) for twin, counts in by_twin.items()]
+    return [sample for samples in found for sample in samples]
 
 
-def _moments(task: Task) -> dict[str, list[int]]:
-    """By twin, the numbers of keyframes after which its declared moments come."""
-    found: dict[str, list[int]] = defaultdict(list)
-    for moment in (m for alias in task.aliases() for m in (alias.first, alias.second)):
-        found[json.dumps(moment.twin, sort_keys=True)].append(moment.keyframes)
-    return found
+def _groups_of(task: Task) -> dict[tuple[str, int], int]:
+    """The declared moments by twin and number of keyframes; those that look alike share one."""
+    groups: dict[tuple[str, int], int] = {}
+    for number, alias in enumerate(task.aliases()):
+        keys = [
+            (json.dumps(m.twin, sort_keys=True), m.keyframes) for m in (alias.first, alias.second)
+        ]
+        joined = {groups[key] for key in keys if key in groups}
+        groups.update(dict.fromkeys(keys, number))
+        groups = {key: number if group in joined else group for key, group in groups.items()}
+    return groups
 
 
-def _samples(spec: EpisodeSpec, twin: Variation, counts: Sequence[int]) -> list[Sample]:
-    found: dict[str, Sample] = {}  # the last moment of a label counts, so that labels balance
+def _samples(spec: EpisodeSpec, twin: Variation, groups: dict[int, int]) -> list[Sample]:
+    found: dict[tuple[int, str], Sample] = {}  # the last moment of a label, so that labels balance
     with World(suite.build(spec.twin(twin))) as world:
         for done, (stage, keyframe) in enumerate(script(world.task)):
-            if done in counts:
-                found[stage] = Sample(spec.index, world.observe(), stage)
-            if done == max(counts):
+            if done in groups:
+                seen = world.observe()
+                found[groups[done], stage] = Sample(spec.index, groups[done], seen, stage)
+            if done == max(groups):
                 break
             world.execute(keyframe)
     return list(found.values())

@@ -3,6 +3,7 @@
 If the hidden state is hidden, nothing learned from observations beats chance there.
 """
 
+from collections import defaultdict
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
@@ -26,6 +27,7 @@ class Sample(NamedTuple):
     """An observation at an alias point and what the expert does next."""
 
     layout: int
+    group: int  # of the moments of a layout that look alike
     observation: Observation
     label: str
 
@@ -64,17 +66,22 @@ def classifiers() -> dict[str, Pipeline]:
 def probe(samples: Sequence[Sample]) -> dict[str, Any]:
     """Accuracy of every classifier with its Wilson interval, beside chance.
 
-    Without samples there is nothing to be told apart.
+    A classifier is told which labels the moments of a sample's group have, so that it has to tell
+    these apart and nothing else. Without samples there is nothing to be told apart.
     """
     if not samples:
         return {"samples": 0, "chance": 1.0, "blind": False}
     x = np.array([features(sample.observation) for sample in samples])
     y = np.array([sample.label for sample in samples])
     layouts = np.array([sample.layout for sample in samples])
-    chance = float(np.unique(y, return_counts=True)[1].max() / len(y))
+    groups: dict[tuple[int, int], set[str]] = defaultdict(set)
+    for sample in samples:
+        groups[sample.layout, sample.group].add(sample.label)
+    choices = [sorted(groups[sample.layout, sample.group]) for sample in samples]
+    chance = float(np.mean([1 / len(names) for names in choices]))
     report: dict[str, Any] = {"samples": len(y), "chance": round(chance, 4)}
     for name, classifier in classifiers().items():
-        guesses = cross_val_predict(classifier, x, y, groups=layouts, cv=GroupKFold(FOLDS))
+        guesses = _guessed(classifier, x, y, layouts, choices)
         rate = Rate(int((guesses == y).sum()), len(y))
         low, high = rate.interval
         report[name] = {
@@ -84,3 +91,22 @@ def probe(samples: Sequence[Sample]) -> dict[str, Any]:
         }
     report["blind"] = all(report[name]["high"] <= chance + MARGIN for name in classifiers())
     return report
+
+
+def _guessed(
+    classifier: Pipeline,
+    x: NDArray[np.float64],
+    y: NDArray[np.str_],
+    layouts: NDArray[np.int64],
+    choices: Sequence[Sequence[str]],
+) -> NDArray[np.str_]:
+    """(n,) of a group's labels the likeliest; whole layouts are left out of the training."""
+    folds = GroupKFold(FOLDS)
+    likely = cross_val_predict(classifier, x, y, groups=layouts, cv=folds, method="predict_proba")
+    column = {label: number for number, label in enumerate(np.unique(y))}
+    return np.array(
+        [
+            max(names, key=lambda name: row[column[name]])
+            for row, names in zip(likely, choices, strict=True)
+        ]
+    )

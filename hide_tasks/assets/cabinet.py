@@ -87,14 +87,16 @@ class Cabinet(Asset):
         middle = WIDTH / 4 * (1 if side == "left" else -1)
         return self.frame(behind - DEPTH / 2, middle + aside, PLINTH + WALL)
 
-    def contains(self, position: Sequence[float]) -> bool:
-        """True when a point of the world is within the walls."""
+    def contains(self, position: Sequence[float], radius: float) -> bool:
+        """True when a round thing that stands at a point of the world is not quite out of it."""
         east, north = position[0] - self.at[0], position[1] - self.at[1]
         yaw = yaw_of(self.at)
         deep = east * math.cos(yaw) + north * math.sin(yaw)
         aside = north * math.cos(yaw) - east * math.sin(yaw)
         high = position[2] - self.at[2] - PLINTH
-        return bool(abs(deep) < DEPTH / 2 and abs(aside) < WIDTH / 2 and 0 < high < ROOM + 2 * WALL)
+        along = deep + radius > -DEPTH / 2 - LEDGE and deep < DEPTH / 2 + radius
+        across = abs(aside) < WIDTH / 2 + radius
+        return bool(along and across and 0 < high < ROOM + 2 * WALL)
 
     def _frame_shapes(self) -> tuple[Shape, ...]:
         dark, middle = shade(PAINT, 0.85), PLINTH + WALL + ROOM / 2

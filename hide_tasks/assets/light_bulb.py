@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 from hide_tasks.assets.asset import Asset, Link, Shape, cylinder, shade
 from hide_tasks.assets.colors import COLORS, RGB
-from hide_tasks.poses import Array, yaw_of
+from hide_tasks.poses import Array, rotation_matrix, yaw_of
 
 GLASS_RADIUS = 0.0342  # m; RLBench light_bulb_in: 0.0684 across
 CAP_RADIUS, CAP_LENGTH = 0.0135, 0.024  # m of the screw cap below the glass
@@ -22,6 +22,7 @@ STANDS = NECK + 0.0005  # m of a bulb's middle over the edge of what it stands i
 LAMP, SOCKET = (52, 56, 66), (196, 198, 204)
 
 NEAR = 0.01  # m from its seat that a turning bulb is in the thread
+UPRIGHT = math.cos(0.35)  # of its axis to the vertical, at least
 SCREWED = math.radians(150)  # clockwise, seen from above, until it has contact
 
 
@@ -93,7 +94,8 @@ class Lamp(Asset):
 
     def has(self, bulb: Bulb) -> bool:
         """True while a bulb is in the thread."""
-        return math.dist(bulb.position, self.seat[:3]) < NEAR
+        upright = rotation_matrix(bulb.pose()[3:])[2, 2] > UPRIGHT
+        return bool(upright and math.dist(bulb.position, self.seat[:3]) < NEAR)
 
     def act(self) -> None:
         """Count the turns of a bulb in the thread; light it, or let it go out."""

@@ -14,7 +14,8 @@ class Seat:
     """Let go near a seat, its thing slides into it.
 
     `period` is the turn about the vertical, rad, after which the thing looks the same; it comes
-    to stand at the nearest such turn. In a firm seat it stays, whatever pushes, until it is taken.
+    to stand at the nearest such turn. In a firm seat it comes to stand exactly as at the start,
+    and stays, whatever pushes, until it is taken.
     """
 
     thing: Asset
@@ -24,7 +25,7 @@ class Seat:
     turn: float = math.pi  # rad about the vertical that it may be turned, of `period`
     period: float = 2 * math.pi
     firm: bool = False
-    taken: bool = False  # the thing sits in it
+    taken: bool = False  # the thing came to sit in it; if it is firm: sits in it now
 
     def offers(self, pose: Array) -> Array | None:
         """Where the thing would come to stand from a pose (7,); None: it is too far off."""

@@ -36,7 +36,8 @@ APART = 0.05  # m of either shoe from the middle of the mat
 BACK = 0.02  # m of a shoe's shaft behind the middle of its box
 GRIP = 0.022  # m of the tip over a shoe's frame
 ABOVE_MAT = 0.004  # m, where a shoe is let go
-SEEN = 1.0  # rad: a lid so far open shows what is in its box
+SEEN = 0.3  # rad: a lid so far open shows something of what is in its box
+WIDE = 1.0  # rad: so far open it lets the hand in
 SHUT = 0.05  # rad
 FELL = 0.1  # m under the table's top
 
@@ -87,9 +88,10 @@ class SearchBoxes(Task):
 
     def stage(self) -> str:
         left = [shoe for shoe in self.shoes if not self._out(shoe)]
-        if self.lid.opening > SEEN or len(left) < len(self.shoes):
+        if self.lid.opening > WIDE or len(left) < len(self.shoes):
             return f"take {'second' if len(left) < len(self.shoes) else 'first'} shoe"
-        opened = next((side for side in SIDES if self.boxes[side].opening > SHUT), None)
+        others = (side for side in SIDES if side != self.lid.side)
+        opened = next((side for side in others if self.boxes[side].opening > SHUT), None)
         if opened:
             return f"close {opened}"
         sides = [side for side in SIDES if not self.searches[side].total]
@@ -158,7 +160,7 @@ class SearchBoxes(Task):
         return [Alias(Moment(0, last), Moment(8, last), "both boxes shut, none or one searched")]
 
     def _out(self, shoe: Shoe) -> bool:
-        return self.region.contains(shoe.position)
+        return self.region.contains(shoe.position) and not self.robot.holds(shoe)
 
     def _searches_of(self, lid: Lid) -> Counter:
         return self.count(f"{lid.side}_search", lambda: lid.opening, up=SEEN, down=SHUT)

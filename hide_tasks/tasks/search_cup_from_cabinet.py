@@ -12,7 +12,7 @@ from typing import ClassVar
 import numpy as np
 
 from hide_tasks.assets.cabinet import SIDES, Cabinet, Door
-from hide_tasks.assets.mug import HEIGHT, Mug
+from hide_tasks.assets.mug import HEIGHT, RADIUS, Mug
 from hide_tasks.contract import Category, Failure, HiddenState, Variation
 from hide_tasks.layout import TABLE_TOP
 from hide_tasks.motion.doors import (
@@ -29,7 +29,8 @@ from hide_tasks.task import Alias, Checks, Counter, Grid, Moment, Stage, Task
 
 CABINET_AT = (0.57, 0.0)  # m
 TURN = 0.1  # rad, at most, either way
-SEEN = 0.12  # m: a door so far open shows what is behind it
+SEEN = 0.04  # m: a door so far open shows something of what is behind it
+WIDE = 0.12  # m: so far open it lets the hand in
 SHUT = 0.01  # m
 BEHIND = 0.035  # m of the cup behind the front: the palm stays outside
 ASIDE = 0.025  # m of the cup outward from the middle of a side: room for the palm
@@ -90,11 +91,12 @@ class SearchCupFromCabinet(Task):
         }
 
     def stage(self) -> str:
-        if self.robot.holds(self.cup) or not self.cabinet.contains(self.cup.position):
+        if self.robot.holds(self.cup) or not self._within():
             return "take out"
-        if self.door.opening > SEEN:
+        if self.door.opening > WIDE:
             return "take"
-        opened = next((side for side in SIDES if self.cabinet[side].opening > SHUT), None)
+        others = (side for side in SIDES if side != self.door.side)
+        opened = next((side for side in others if self.cabinet[side].opening > SHUT), None)
         if opened:
             return f"close {opened}"
         left = [side for side in SIDES if not self.searches[side].total]
@@ -158,7 +160,7 @@ class SearchCupFromCabinet(Task):
 
     def checks(self) -> Checks:
         return {
-            "cup_outside": not self.cabinet.contains(self.cup.position),
+            "cup_outside": not self._within(),
             "cup_released": not self.robot.holds(self.cup),
         }
 
@@ -175,6 +177,9 @@ class SearchCupFromCabinet(Task):
     def aliases(self) -> list[Alias]:
         last: Variation = {"cup_on": SIDES[-1]}
         return [Alias(Moment(0, last), Moment(6, last), "both sides shut, none or one searched")]
+
+    def _within(self) -> bool:
+        return self.cabinet.contains(self.cup.position, RADIUS)
 
     def _searches_of(self, door: Door) -> Counter:
         return self.count(f"{door.side}_search", lambda: door.opening, up=SEEN, down=SHUT)

@@ -30,7 +30,8 @@ CHEST_AT = (0.61, 0.14)  # m
 REGION_AT = (0.26, -0.28)  # m; the cabinet's top, where RLBench has it, is out of the arm's reach
 TURN = 0.2  # rad, at most, either way
 PULL = 0.20  # m
-SEEN = 0.10  # m: a drawer so far open shows what is in it
+SEEN = 0.04  # m: a drawer so far open shows something of what is in it
+WIDE = 0.10  # m: so far open it lets the hand in
 SHUT = 0.01  # m
 ABOVE_MAT = 0.004  # m, where the item is let go
 FELL = 0.1  # m under the table's top
@@ -74,9 +75,10 @@ class SearchDrawer(Task):
     def stage(self) -> str:
         if self.robot.holds(self.item) or self.region.contains(self.item.position):
             return "place"
-        if self.drawer.opening > SEEN:
+        if self.drawer.opening > WIDE:
             return "take"
-        opened = next((d for d in self.chest.drawers() if d.opening > SHUT), None)
+        others = (d for d in self.chest.drawers() if d.level != self.drawer.level)
+        opened = next((drawer for drawer in others if drawer.opening > SHUT), None)
         if opened:
             return f"close {opened.level}"
         left = [level for level in LEVELS if not self.searches[level].total]

@@ -26,7 +26,6 @@ JITTER = 0.018  # m, either way
 TURN = 0.25  # rad, either way
 DWELL = 180  # physics steps, of 240 a second, through which the scale must show the weight
 HOVER, LIFT, RISE = 0.10, 0.20, 0.25  # m above the grasp point
-LIFTED = 0.08  # m above the pan
 FELL = 0.1  # m under the table's top
 
 
@@ -109,8 +108,7 @@ class WeighingOnOff(Task):
             return "weigh"
         if self._lies_in(self.target):
             return "withdraw"
-        _, _, z = self.pepper.position
-        lifted = z - self.scale.top[2] > HEIGHT / 2 + LIFTED
+        lifted = not self.scale.carries(self.pepper.position)
         return f"to {self.goal}" if lifted and self.robot.holds(self.pepper) else "take"
 
     def expert(self) -> Iterator[Stage]:

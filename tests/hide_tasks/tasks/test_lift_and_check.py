@@ -1,5 +1,7 @@
 """Lift and check: what is named when blocks are lifted twice, left about, mistaken or dropped."""
 
+import math
+
 import numpy as np
 
 from hide_tasks import suite
@@ -9,6 +11,7 @@ from hide_tasks.episode import play
 from hide_tasks.layout import TABLE_TOP
 from hide_tasks.motion.blocks import above, carry_over, grasp, grip_yaw, let_go, lift
 from hide_tasks.policies import Expert, Replay
+from hide_tasks.poses import compose, pose, quaternion, yaw_of
 from hide_tasks.tasks.lift_and_check import LOOK
 
 SPEC = suite.episode("lift_and_check", "val", 0)
@@ -61,6 +64,37 @@ def test_a_block_left_beside_its_place_when_the_next_is_lifted_is_a_skipped_step
             world.execute(move())
 
         assert world.violations == [Failure.SKIPPED_STEP]
+
+
+def test_a_block_that_is_put_back_turned_stands_as_before():
+    with World(suite.build(second())) as world:
+        block = world.task.blocks["first"]
+        for move in (above(block), grasp(block), lift(block, LOOK)):
+            world.execute(move())
+        world.execute(let_go(block.at[:3], grip_yaw(block) + math.pi / 5)())
+
+        assert math.dist(block.position, block.at[:3]) < 0.001
+        assert abs(yaw_of(block.pose()) - yaw_of(block.at)) % (math.pi / 2) < 0.02
+
+
+def test_a_block_that_was_turned_in_place_marks_the_way():
+    with World(suite.build(second())) as world:
+        block, other = world.task.blocks["first"], world.task.blocks["second"]
+        block.body.place(compose(block.pose(), pose(0, 0, 0, quaternion(yaw=0.5))))
+        for move in (above(other), grasp(other)):
+            world.execute(move())
+
+        assert world.violations == [Failure.SKIPPED_STEP]
+
+
+def test_a_look_under_a_block_counts():
+    with World(suite.build(second())) as world:
+        block = world.task.blocks["first"]
+        world.step()
+        block.body.place(block.pose() + np.array([0.012, 0, 0, 0, 0, 0, 0]))
+        world.step()
+
+        assert world.task.hidden_state()["checked"] == ["first"]
 
 
 def test_an_empty_block_in_the_region_is_a_wrong_object():

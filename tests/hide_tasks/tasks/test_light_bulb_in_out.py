@@ -1,7 +1,9 @@
 """The bulb lights when it is screwed in, and goes out; what goes wrong has its name."""
 
+import math
 from functools import cache
 
+import numpy as np
 import pytest
 
 from hide_tasks import suite
@@ -9,6 +11,7 @@ from hide_tasks.bullet.world import World
 from hide_tasks.contract import Failure
 from hide_tasks.episode import play
 from hide_tasks.policies import Expert, Replay
+from hide_tasks.poses import quaternion
 from hide_tasks.script import script
 
 SPEC = suite.episode("light_bulb_in_out", "val", 0).twin({"origin": "left"})
@@ -51,6 +54,17 @@ def test_moving_the_bulb_without_lighting_it_skips_a_step():
     result, _ = play(SPEC, Replay([*actions[: INSERTED - 1], *actions[TAKEN_OUT:]]))
 
     assert (result.success, result.failure) == (False, Failure.SKIPPED_STEP)
+
+
+def test_a_bulb_beside_its_thread_or_across_it_is_not_in_the_lamp():
+    with World(suite.build(SPEC)) as world:
+        lamp, bulb = world.task.lamp, world.task.bulb
+        found = []
+        for rotation in (quaternion(), quaternion(roll=math.pi / 2)):
+            bulb.body.place(np.concatenate([lamp.seat[:3], rotation]))
+            found.append(lamp.has(bulb))
+
+        assert found == [True, False]
 
 
 def test_lighting_it_twice_repeats_a_step():

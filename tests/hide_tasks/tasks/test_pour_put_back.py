@@ -53,6 +53,16 @@ def test_liquid_on_the_table_is_dropped_and_final():
     assert len(records) == 5
 
 
+def test_liquid_in_a_cup_within_the_other_is_not_poured():
+    with World(suite.build(LEFT)) as world:
+        task = world.task
+        apart = np.array(task.target.position) - task.source.position + [0, 0, 0.0155]
+        for thing in (*task.droplets, task.source):
+            thing.body.place(thing.pose() + np.array([*apart, 0, 0, 0, 0]))
+
+        assert task._pour() == 0
+
+
 def test_taking_the_other_cup_is_a_wrong_object():
     with World(suite.build(LEFT)) as world:
         task = world.task

@@ -7,6 +7,7 @@ from hide_tasks.episode import play
 from hide_tasks.policies import Expert, Replay
 from hide_tasks.poses import pose
 from hide_tasks.script import script
+from tests.hide_tasks.tasks.doors import open_to
 
 SPEC = suite.episode("search_boxes", "val", 0)
 LEFT, RIGHT = SPEC.twin({"shoes_in": "left"}), SPEC.twin({"shoes_in": "right"})
@@ -52,6 +53,14 @@ def test_before_the_shoes_are_found_it_is_unfinished_and_one_shoe_is_not_both():
 
     assert verdict(RIGHT, *actions[:MISS], Stop()) == (False, False, Failure.UNFINISHED)
     assert verdict(RIGHT, *actions[:-SHOE], Stop()) == (False, False, Failure.NOT_PLACED)
+
+
+def test_a_look_under_a_lid_counts_as_a_search():
+    with World(suite.build(RIGHT)) as world:
+        world.step()
+        open_to(world, world.task.boxes["left"], 0.4)
+
+        assert world.task.hidden_state()["searched"] == ["left"]
 
 
 def test_a_shoe_beside_the_table_has_fallen():

@@ -1,5 +1,7 @@
 """Searching the cabinet: either order, a side searched twice, a cup not put down or fallen."""
 
+import numpy as np
+
 from hide_tasks import suite
 from hide_tasks.bullet.world import World
 from hide_tasks.contract import Failure, Stop
@@ -7,6 +9,7 @@ from hide_tasks.episode import play
 from hide_tasks.policies import Expert, Replay
 from hide_tasks.poses import pose
 from hide_tasks.script import script
+from tests.hide_tasks.tasks.doors import open_to
 
 SPEC = suite.episode("search_cup_from_cabinet", "val", 0)
 LEFT, RIGHT = SPEC.twin({"cup_on": "left"}), SPEC.twin({"cup_on": "right"})
@@ -52,6 +55,22 @@ def test_before_the_cup_is_found_it_is_unfinished_and_in_the_hand_it_is_not_plac
 
     assert verdict(RIGHT, *actions[:MISS], Stop()) == (False, False, Failure.UNFINISHED)
     assert verdict(RIGHT, *actions[:-1], Stop()) == (False, False, Failure.NOT_PLACED)
+
+
+def test_a_look_behind_a_door_counts_as_a_search():
+    with World(suite.build(RIGHT)) as world:
+        world.step()
+        open_to(world, world.task.cabinet["left"], 0.06)
+
+        assert world.task.hidden_state()["searched"] == ["left"]
+
+
+def test_a_cup_on_the_ledge_is_not_out():
+    with World(suite.build(RIGHT)) as world:
+        cup = world.task.cup
+        cup.body.place(cup.pose() - np.array([0.06, 0, 0, 0, 0, 0, 0]))
+
+        assert not world.task.checks()["cup_outside"]
 
 
 def test_a_cup_beside_the_table_has_fallen():

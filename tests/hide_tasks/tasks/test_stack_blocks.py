@@ -44,6 +44,27 @@ def test_one_level_too_many_is_an_overcount(world):
     assert Failure.OVERCOUNT in world.task.spoils
 
 
+def test_blocks_side_by_side_are_no_tower(world):
+    for block, aside, number in zip(world.task.targets, (-0.036, 0.036), (1, 2), strict=False):
+        place = world.task._level(number) + np.array([aside, 0, 0])
+        block.body.place(np.concatenate([place, [0, 0, 0, 1]]))
+    world.step()
+
+    assert not world.success
+
+
+def test_a_block_across_two_others_is_one_too_many(world):
+    lower, upper = world.task._level(1), world.task._level(2)
+    aside = np.array([0.027, 0, 0])
+    places = [lower - aside, lower + aside, upper]
+    for block, place in zip(world.task.targets, places, strict=False):
+        block.body.place(np.concatenate([place, [0, 0, 0, 1]]))
+    world.settle()
+
+    assert world.violations == [Failure.OVERCOUNT]
+    assert not world.success
+
+
 def test_a_tower_that_stands_on_another_colour_is_an_undercount(world):
     stack(world, world.task.distractors[0], *world.task.targets[:2])
 

@@ -47,6 +47,14 @@ def test_an_empty_container_is_an_undercount(world):
     assert world.task.missing() is Failure.UNDERCOUNT
 
 
+def test_a_hand_that_holds_the_next_block_is_not_done(world):
+    inside(world, world.task.targets[0], (1, 1))
+    for move in (above(world.task.targets[1]), grasp(world.task.targets[1])):
+        world.execute(move())
+
+    assert world.task.missing() is Failure.UNFINISHED
+
+
 def test_an_arm_that_stays_at_the_container_is_not_withdrawn(world):
     for _, keyframe in itertools.islice(script(world.task), 5):
         world.execute(keyframe)

@@ -34,6 +34,26 @@ def test_one_cup_too_few_is_an_undercount():
     assert (result.success, result.failure) == (False, Failure.UNDERCOUNT)
 
 
+def test_a_cup_that_was_taken_out_again_does_not_count():
+    with World(suite.build(ONE)) as world:
+        task = world.task
+        (one, two), away = task.others, task.others[0].pose()
+        nested = task.base.pose() + np.array([0, 0, task.base.floor + 0.002, 0, 0, 0, 0])
+        for cup, place in ((one, nested), (one, away), (two, nested)):
+            cup.body.place(place)
+            world.settle()
+
+        assert (task.stacked, world.violations) == (1, [])
+
+
+def test_a_hand_that_holds_another_cup_is_not_done():
+    with World(suite.build(ONE)) as world:
+        for action in recorded("two")[:8]:
+            world.execute(action)
+
+        assert world.task.missing() is Failure.UNFINISHED
+
+
 def test_the_arm_must_withdraw():
     result, _ = play(ONE, Replay(recorded("one")[:-1]))
 

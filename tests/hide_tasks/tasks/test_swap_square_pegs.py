@@ -58,6 +58,25 @@ def test_a_fourth_move_ends_it():
     assert len(records) == 3 * 6 + 5
 
 
+def test_taking_hold_again_is_no_move():
+    with World(suite.build(SPEC)) as world:
+        for move in world.task._carry(RED, RED):
+            world.execute(move())
+        again = world.task.moves
+        for move in world.task._carry(RED, SPARE):
+            world.execute(move())
+
+        assert (again, world.task.moves) == (0, 1)
+
+
+def test_the_stage_follows_the_ring_that_went_first():
+    with World(suite.build(SPEC)) as world:
+        for move in world.task._carry(BLUE, SPARE):
+            world.execute(move())
+
+        assert world.task.stage() == f"red from {RED} to {BLUE}"
+
+
 def test_two_moves_are_not_all():
     assert verdict(*SWAP[:2]) == (False, False, Failure.UNFINISHED)
 

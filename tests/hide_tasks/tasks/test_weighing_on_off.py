@@ -9,6 +9,7 @@ from hide_tasks.bullet.world import World
 from hide_tasks.contract import Failure
 from hide_tasks.episode import play
 from hide_tasks.policies import Expert, Replay
+from hide_tasks.script import script
 
 LEFT = suite.episode("weighing_on_off", "val", 0).twin({"origin": "left"})
 RIGHT = LEFT.twin({"origin": "right"})
@@ -31,6 +32,17 @@ def test_not_weighing_is_a_skipped_step():
     result, _ = play(LEFT, Replay([*actions[:3], *actions[8:]]))
 
     assert (result.success, result.failure) == (False, Failure.SKIPPED_STEP)
+
+
+def test_the_stage_is_the_one_of_the_next_keyframe():
+    names, stages = [], []
+    with World(suite.build(LEFT)) as world:
+        for name, keyframe in script(world.task):
+            world.execute(keyframe)
+            names.append(name)
+            stages.append(world.task.stage())
+
+    assert stages[:-1] == names[1:]
 
 
 def test_weighing_twice_is_a_repeated_step():
