@@ -102,11 +102,13 @@ def alias_report(spec: EpisodeSpec) -> list[dict[str, Any]]:
         return known[key][moment.keyframes]
 
     return [
-        _pair(alias.why, at(alias.first), at(alias.second)) for alias in suite.build(spec).aliases()
+        compared(alias.why, at(alias.first), at(alias.second))
+        for alias in suite.build(spec).aliases()
     ]
 
 
-def _pair(why: str, first: Point, second: Point) -> dict[str, Any]:
+def compared(why: str, first: Point, second: Point) -> dict[str, Any]:
+    """What is to be said of a declared pair; it is verified if it holds for these two moments."""
     distance = likeness(first.observation, second.observation)
     return {
         "why": why,
