@@ -30,7 +30,13 @@ QUICKLY_EXPLORED = (  # and of one shape, so that one layout gives the whole cei
     "search_drawer",
     "weighing_on_off",
 )
-every_task = pytest.mark.parametrize("name", ALL_TASKS)
+CERTIFIED = tuple(name for name in ALL_TASKS if committed(name))
+NOT_YET: frozenset[str] = frozenset()  # their proofs are being computed
+every_task = pytest.mark.parametrize("name", CERTIFIED)
+
+
+def test_every_task_but_those_that_are_named_is_certified():
+    assert set(ALL_TASKS) - set(CERTIFIED) == NOT_YET
 
 
 @every_task

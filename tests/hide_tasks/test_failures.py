@@ -41,7 +41,7 @@ def test_a_test_provokes_each(name):
     assert set(load(name).failures) <= named(TESTS / f"test_{name}.py")
 
 
-@pytest.mark.parametrize("name", ALL_TASKS)
+@pytest.mark.parametrize("name", [name for name in ALL_TASKS if committed(name)])
 def test_policies_that_played_it_failed_in_these_ways_alone(name):
     proof = committed(name)
     played = [proof["amnesiac"], *proof["adversaries"].values()]
