@@ -27,11 +27,21 @@ from hide_tasks.statistics import wilson
 QUICKLY_EXPLORED = (  # and of one shape, so that one layout gives the whole ceiling
     "light_bulb_in_out",
     "reopen_drawer",
-    "search_drawer",
     "weighing_on_off",
 )
 CERTIFIED = tuple(name for name in ALL_TASKS if committed(name))
-NOT_YET: frozenset[str] = frozenset()  # their proofs are being computed
+NOT_YET = {  # their proofs are being computed
+    "change_channel_times",
+    "lift_and_check",
+    "pour_put_back",
+    "search_boxes",
+    "search_cup_from_cabinet",
+    "search_drawer",
+    "stack_blocks",
+    "stack_blocks_new",
+    "stack_cups_new",
+    "swap_square_pegs",
+}
 every_task = pytest.mark.parametrize("name", CERTIFIED)
 
 
