@@ -96,7 +96,7 @@ class Language(_Config):
 
     kind: Literal["words", "clip", "minilm"] = "words"  # words: trained with the policy
     channels: Positive = 64  # of `words`; the others have their own (512, 384)
-    tokens: Positive = 16  # of `words`; the others have their own (77, 32)
+    tokens: Positive = 24  # of `words`; the others have their own (77, 32)
     weights: str = ""  # a file of CLIP's text encoder; minilm: empty for its package
     vocabulary: str = ""  # CLIP's file of merges
 

@@ -21,6 +21,9 @@ def outcome(spec: EpisodeSpec) -> Failure | None:
     return Failure.UNDERCOUNT if spec.index in (1, 2) else None
 
 
+TASKS = ["push_button_times", "reopen_drawer", "search_drawer"]
+
+
 class Ledger(NamedTuple):
     """An older evaluation that is completed, and a newer one that waits."""
 
@@ -34,7 +37,9 @@ def ledger(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Ledger]:
     folder = tmp_path_factory.mktemp("episodes")
     database = ledgers.opened(folder)
     ledgers.registered(database, "mine")
-    done = ledgers.evaluated(database, Blobs(folder / "blobs"), "mine", outcome, episodes=6)
+    done = ledgers.evaluated(
+        database, Blobs(folder / "blobs"), "mine", outcome, tasks=TASKS, episodes=6
+    )
     with database.writing() as session:
         waits = ledgers.created(session, "noop", tasks=["search_drawer"], episodes=5).id
     yield Ledger(database, done, waits)
@@ -54,9 +59,8 @@ def listed(ledger: Ledger, limit: int = 200, **filters: Any) -> list[tuple[str, 
 
 
 def all_of(ledger: Ledger) -> list[tuple[str, str, int]]:
-    tasks = ("push_button_times", "reopen_drawer", "search_drawer")
     waiting = [(ledger.waits, "search_drawer", index) for index in range(5)]
-    return waiting + [(ledger.done, task, index) for task in tasks for index in range(6)]
+    return waiting + [(ledger.done, task, index) for task in TASKS for index in range(6)]
 
 
 @pytest.mark.parametrize("limit", [1, 7, 22, 23, 24])
