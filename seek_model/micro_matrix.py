@@ -111,7 +111,7 @@ def model(memory: Memory | None) -> Model:
     return Model(
         views=Views(size=16),
         backbone=ConvFilm(widths=(24, 48), channels=48, depth=1, heads=2),
-        language=Language(channels=32),
+        language=Language(channels=32, tokens=16),
         memory=memory,
     )
 
