@@ -11,15 +11,11 @@ from typing import Any
 
 from hide_tasks import ALL_TASKS, load, suite
 from hide_tasks.certificates import committed
-from hide_tasks.contract import CONTROL_HZ, Category, Failure, Value
+from hide_tasks.contract import CAMERAS, CONTROL_HZ, Category, Failure, Value
+from web.wording import CATEGORIES, FAILURES
 
 FOLDER = Path(__file__).parent / "tasks"
 PICTURES = "../../web/static/tasks"
-CATEGORIES = {
-    Category.REPETITION_COUNTING: "repetition counting",
-    Category.HISTORICAL_STATE_RECALL: "historical-state recall",
-    Category.EXECUTION_PROGRESS: "execution-progress tracking",
-}
 # The paper's mean frames and mean keyframes of a demonstration (its table of task statistics).
 PAPER = {
     "push_button_times": (144.3, 7.8),
@@ -38,13 +34,12 @@ PAPER = {
     "lift_and_check": (277.3, 14.3),
     "swap_square_pegs": (321.3, 18.0),
 }
-EVERYWHERE = {
-    Failure.UNREACHABLE_POSE: "the last pose that the policy asked for cannot be reached",
-    Failure.POLICY_ERROR: "the policy raised an error, or its process died",
-    Failure.POLICY_INVALID: "its answer was no action",
-    Failure.POLICY_TIMEOUT: "it did not answer in time",
-}
-VIEWS = ("front", "left_shoulder", "right_shoulder", "wrist")
+EVERYWHERE = (
+    Failure.UNREACHABLE_POSE,
+    Failure.POLICY_ERROR,
+    Failure.POLICY_INVALID,
+    Failure.POLICY_TIMEOUT,
+)
 
 
 def pages() -> dict[str, str]:
@@ -153,7 +148,7 @@ def aliases(name: str) -> str:
             f"{picture}<br>{pairs(state)}<br>next: **{one['stage']}**"
             for picture, state, one in zip(sides, alias["hidden"], alias["next"], strict=True)
         ]
-        differ = ", ".join(f"{100 * alias['pixels'][view]:.2g} %" for view in VIEWS)
+        differ = ", ".join(f"{100 * alias['pixels'][view]:.2g} %" for view in CAMERAS)
         rows.append([*cells, f"{alias['why']}; pixels that differ: {differ}"])
     note = f"Pixels that differ visibly, at most, over {found[0]['episodes']} layouts: front, left"
     note += " shoulder, right shoulder, wrist."
@@ -199,7 +194,7 @@ def index() -> str:
         "simulator.\n\n" + sizes(),
         "## What can go wrong where\n\n" + failure_table(),
         "In every task also:\n\n"
-        + bullets(f"`{failure}`: {how}" for failure, how in EVERYWHERE.items()),
+        + bullets(f"`{failure}`: {FAILURES[failure]}" for failure in EVERYWHERE),
         "An episode whose budget runs out is named after what is missing then, and says so.",
     ]
     return "\n\n".join(parts) + "\n"
