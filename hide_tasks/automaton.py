@@ -2,28 +2,22 @@
 
 Where the present looks like several script points with different next keyframes, such a policy
 can only choose by fixed odds. Those places, and where each choice leads, form a small automaton:
-it is explored by playing every choice once, and the best odds are computed from it.
+it is explored by playing every choice once; `mixing.py` computes the best odds from it.
 """
 
 import json
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from typing import Literal, NamedTuple
 
-import numpy as np
-from scipy.optimize import minimize
-
-from hide_tasks.amnesiac import Mix, look, odds, options
+from hide_tasks.amnesiac import Mix, odds, options
 from hide_tasks.bullet.world import World
 from hide_tasks.contract import Action, EpisodeSpec, Observation
 from hide_tasks.episode import play
 from hide_tasks.script import Point
 
 Verdict = Literal["success", "exact"]
-STARTS = 8  # of the search for the best odds
-SUREST = 14.0  # logits either way: a choice may be as sure as one in a million
 
 
 class Crossing(NamedTuple):
@@ -40,6 +34,17 @@ class Road(NamedTuple):
     success_after: int | None  # decisions; None if it does not come before the next crossing
     exact: bool  # of the whole episode, if it ends here
     end: Crossing | None
+
+    def worth(self, used: int, verdict: Verdict, budget: int) -> float | None:
+        """1 if the verdict is reached on it, 0 if never; None while that is open.
+
+        `used` is the number of decisions before it.
+        """
+        if self.success_after is not None and verdict == "success":
+            return float(used + self.success_after <= budget)
+        if self.end is None:
+            return float(self.exact and used + (self.success_after or 0) <= budget)
+        return 0.0 if used + self.decisions >= budget else None
 
 
 @dataclass
@@ -58,13 +63,11 @@ class Automaton:
             return [float(value) for value in odds(mix, names)]
 
         def along(road: Road, used: int) -> float:
-            if road.success_after is not None and verdict == "success":
-                return float(used + road.success_after <= budget)
-            if road.end is None:
-                return float(road.exact and used + (road.success_after or 0) <= budget)
-            if used + road.decisions >= budget:
-                return 0.0
-            return at(road.end, used + road.decisions)
+            worth = road.worth(used, verdict, budget)
+            if worth is None:
+                assert road.end is not None, "a road that is worth nothing yet leads on"
+                return at(road.end, used + road.decisions)
+            return worth
 
         def at(crossing: Crossing, used: int) -> float:
             if (crossing, used) not in known:
@@ -163,35 +166,3 @@ def _run(
             automaton.roads.setdefault((crossing, name), roads[i + 1])
         paths.setdefault(crossing, names[:i])
     return automaton
-
-
-def best_mix(automata: Sequence[Automaton], verdict: Verdict, budget: int) -> tuple[Mix, float]:
-    """The odds that maximise a verdict's mean probability over equally likely truths."""
-    looks = {look(crossing.options): crossing.options for a in automata for crossing, _ in a.roads}
-    names = [(kind, name) for kind in sorted(looks) for name in sorted(looks[kind])]
-    if not names:
-        return {}, float(np.mean([a.value({}, verdict, budget) for a in automata]))
-
-    def mixed(logits: np.ndarray) -> dict[str, dict[str, float]]:
-        mix: dict[str, dict[str, float]] = {kind: {} for kind in looks}
-        for (kind, name), logit in zip(names, logits.tolist(), strict=True):
-            mix[kind][name] = math.exp(logit)
-        return mix
-
-    def mean(logits: np.ndarray) -> float:
-        return float(np.mean([a.value(mixed(logits), verdict, budget) for a in automata]))
-
-    rng = np.random.default_rng(0)
-    starts = [np.zeros(len(names)), *rng.normal(0, 1.5, (STARTS - 1, len(names)))]
-    found = [
-        minimize(lambda x: -mean(x), s, method="L-BFGS-B", bounds=[(-SUREST, SUREST)] * len(names))
-        for s in starts
-    ]
-    best = min(found, key=lambda one: float(one.fun))
-    mix = {
-        kind: dict(
-            zip(weights, odds({kind: weights}, list(weights)).round(6).tolist(), strict=True)
-        )
-        for kind, weights in mixed(best.x).items()
-    }
-    return mix, -float(best.fun)

@@ -16,12 +16,13 @@ import numpy as np
 from hide_tasks import load, suite
 from hide_tasks.adversaries import CHOOSERS, StopsAtOnce
 from hide_tasks.amnesiac import Amnesiac, Mix, signature
-from hide_tasks.automaton import Automaton, Verdict, best_mix, explore
+from hide_tasks.automaton import Automaton, Verdict, explore
 from hide_tasks.bullet.world import World
 from hide_tasks.choices import Choices
 from hide_tasks.contract import CAMERAS, EpisodeResult, EpisodeSpec, Variation
 from hide_tasks.episode import play
 from hide_tasks.likeness import likeness
+from hide_tasks.mixing import best_mix
 from hide_tasks.probe import Sample, probe
 from hide_tasks.script import Point, library, points, same_action, script, twins
 from hide_tasks.sources import ROOT, sources_hash

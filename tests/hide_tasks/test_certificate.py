@@ -8,7 +8,7 @@ import pytest
 from hide_tasks import ALL_TASKS, suite
 from hide_tasks.adversaries import ADVERSARIES
 from hide_tasks.amnesiac import Amnesiac, options, signature
-from hide_tasks.automaton import Automaton, Crossing, Road, best_mix, explore
+from hide_tasks.automaton import Automaton, Crossing, Road, explore
 from hide_tasks.certificate import (
     ALIAS_EPISODES,
     ROLLS,
@@ -19,6 +19,7 @@ from hide_tasks.certificate import (
 from hide_tasks.certificates import certificate, committed
 from hide_tasks.contract import CAMERAS, CameraView, Observation
 from hide_tasks.likeness import JOINTS, PIXELS, likeness
+from hide_tasks.mixing import best_mix
 from hide_tasks.probe import Sample, probe
 from hide_tasks.script import library
 from hide_tasks.sources import sources_hash
