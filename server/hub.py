@@ -5,14 +5,15 @@ import shutil
 from dataclasses import dataclass, field
 from functools import partial
 
-from server import evaluations, first_run, jobs, lifecycle, policies
+from server import credentials, evaluations, first_run, jobs, lifecycle, policies, users
+from server.access import Principal, Role
 from server.bell import Bell
 from server.blobs import Blobs
 from server.data_folder import DataFolder
 from server.db import Database
 from server.growing import GrowingRecordings
 from server.reconciler import Reconciler
-from server.settings import Settings
+from server.settings import EVERY_ADDRESS, Settings
 from workers.engines.engine import Engine
 
 WORKERS_LOG = "workers.log"
@@ -26,6 +27,7 @@ class Hub:
     settings: Settings
     folder: DataFolder
     database: Database
+    owner_id: str
     bell: Bell = field(default_factory=Bell)
     engine: Engine | None = None
     reconciler: Reconciler | None = None
@@ -39,7 +41,10 @@ class Hub:
         """
         folder = DataFolder(settings.data)
         try:
-            hub = cls(settings, folder, Database(folder.ledger))
+            database = Database(folder.ledger)
+            with database.writing() as session:
+                owner = users.register_owner(session).id
+            hub = cls(settings, folder, database, owner)
         except BaseException:
             folder.close()
             raise
@@ -49,13 +54,28 @@ class Hub:
     def __post_init__(self) -> None:
         self.blobs = Blobs(self.folder.blobs)
         self.recordings = GrowingRecordings(self.folder.growing)
+        self.owner = Principal(
+            self.owner_id, users.OWNER, Role.ADMIN, Role.ADMIN.scopes, via="local"
+        )
+        self.local_token = (
+            credentials.written(credentials.LOCAL, credentials.new_secret())
+            if self.settings.asks_token
+            else None
+        )
         self.loading = asyncio.Lock()  # of a checkpoint: one takes much memory
 
     @property
     def address(self) -> str:
         """Where workers of this machine reach the server."""
-        host = "127.0.0.1" if self.settings.host == "localhost" else self.settings.host
+        local = ("localhost", *EVERY_ADDRESS)
+        host = "127.0.0.1" if self.settings.host in local else self.settings.host
         return f"http://{f'[{host}]' if ':' in host else host}:{self.settings.port}"
+
+    @property
+    def entrance(self) -> str:
+        """The address that people open; in local mode with the token, if one is asked for."""
+        address = self.settings.public_url or self.address
+        return f"{address}/login?token={self.local_token}" if self.local_token else address
 
     def start(self) -> None:
         """Takes up what was left, and begins to hand out work; the event loop is running."""
