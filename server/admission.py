@@ -168,7 +168,7 @@ class Admission:
             return
         reset = self._limiter.get_window_stats(rate, *whose).reset_time
         wait = str(max(1, int(reset - time.time()) + 1))
-        detail = f"More than {rate.amount} requests in a {rate.GRANULARITY.name}; wait {wait} s."
+        detail = f"More than {rate.amount} requests per {rate.GRANULARITY.name}; wait {wait} s."
         raise Problem(429, "too_often", detail, headers={"Retry-After": wait})
 
     # --- what is kept of it ---

@@ -1,6 +1,7 @@
 """What the parts of a running server share: its ledger, its files, its engine."""
 
 import asyncio
+import logging
 import shutil
 from dataclasses import dataclass, field
 from functools import partial
@@ -16,6 +17,7 @@ from server.reconciler import Reconciler
 from server.settings import EVERY_ADDRESS, Settings
 from workers.engines.engine import Engine
 
+logger = logging.getLogger(__name__)
 WORKERS_LOG = "workers.log"
 RESERVE = 500 * 2**20  # bytes of disk below which nothing more is handed out
 
@@ -85,6 +87,8 @@ class Hub:
         with self.database.writing() as session:
             policies.register_builtin(session)
             lifecycle.recover(session, evaluations.current_sources())
+            if self.settings.auth == "users" and not users.somebody(session):
+                logger.warning("Nobody may sign in yet: hide user add NAME --role admin")
             if self.settings.references:
                 first_run.evaluate_references(session)
         if self.settings.workers:

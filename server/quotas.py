@@ -91,7 +91,7 @@ def _used_up(
     name: str, what: str, quota: Quota, begun: list[datetime], window: timedelta
 ) -> Problem:
     limit = quota.limit or 0
-    free = begun[-limit] + window if limit else None
+    free = begun[-limit - 1] + window if limit else None  # the last is the one that is refused
     when = f"; there is room again at {free:%Y-%m-%d %H:%M} UTC" if free else ""
     wait = max(1, int((free - now()).total_seconds())) if free else None
     headers = {"Retry-After": str(wait)} if wait else {}

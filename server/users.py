@@ -65,6 +65,12 @@ def everyone(session: Session) -> list[User]:
     return list(session.scalars(select(User).order_by(User.name)))
 
 
+def somebody(session: Session) -> bool:
+    """True if anybody but the owner of local mode may come in."""
+    others = select(User.id).where(User.active, User.name != OWNER).limit(1)
+    return session.scalar(others) is not None
+
+
 def change(session: Session, user: User, **changes: Any) -> None:
     """Sets role, active, quotas or password; what is left out stays.
 

@@ -23,8 +23,6 @@ from web.templating import page
 router = Router(include_in_schema=False)
 
 OWN_PATH = re.compile(r"/(?![/\\])[^\\\x00-\x20]*")  # leads nowhere else in any browser
-    r"/(?![/\\])[^\\\x00-\x20]*"
-)  # of this server, whatever a browser makes of it
 MOST_DAYS = 3650
 Text = Annotated[str, Form(max_length=200)]
 

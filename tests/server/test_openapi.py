@@ -40,6 +40,8 @@ def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
                 "episode": episodes,
                 "policy": ["expert", "noop@1"],
                 "task": ["search_drawer"],
+                "token": ["01arz3ndektsv4rrffq69g5fav"],
+                "user": ["owner"],
             },
         )
 
