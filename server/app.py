@@ -13,7 +13,16 @@ from server.access import require_declared
 from server.admission import Admission
 from server.guard import Guard
 from server.hub import Hub
-from server.routes import catalogue, episodes, evaluations, health, internal, people, policies
+from server.routes import (
+    catalogue,
+    episodes,
+    evaluations,
+    health,
+    internal,
+    people,
+    policies,
+    uploads,
+)
 from server.schemas import ProblemDocument
 from server.settings import Settings
 from workers.protocol import INTERNAL
@@ -85,6 +94,6 @@ def _described(app: FastAPI) -> dict[str, Any]:
 
 def _api() -> APIRouter:
     api = APIRouter()
-    for routes in (catalogue, policies, evaluations, episodes, people, health):
+    for routes in (catalogue, policies, uploads, evaluations, episodes, people, health):
         api.include_router(routes.router)
     return api

@@ -15,6 +15,7 @@ from server.db import Database
 from server.growing import GrowingRecordings
 from server.reconciler import Reconciler
 from server.settings import EVERY_ADDRESS, Settings
+from server.uploads import Uploads
 from workers.engines.engine import Engine
 
 logger = logging.getLogger(__name__)
@@ -55,6 +56,7 @@ class Hub:
 
     def __post_init__(self) -> None:
         self.blobs = Blobs(self.folder.blobs)
+        self.uploads = Uploads(self.folder.uploads)
         self.recordings = GrowingRecordings(self.folder.growing)
         self.owner = Principal(
             self.owner_id, users.OWNER, Role.ADMIN, Role.ADMIN.scopes, via="local"
@@ -86,6 +88,7 @@ class Hub:
         self.blobs.clear_parts()
         with self.database.writing() as session:
             policies.register_builtin(session)
+            self.uploads.sweep(session)
             lifecycle.recover(session, evaluations.current_sources())
             if self.settings.auth == "users" and not users.somebody(session):
                 logger.warning("Nobody may sign in yet: hide user add NAME --role admin")
@@ -121,9 +124,9 @@ class Hub:
         )
         self.reconciler.start()
 
-    def has_room(self) -> bool:
-        """True while the disk has room for what is measured."""
-        return shutil.disk_usage(self.folder.path).free > RESERVE
+    def has_room(self, more: int = 0) -> bool:
+        """True while the disk has room for what is measured, and for so many bytes more."""
+        return shutil.disk_usage(self.folder.path).free - more > RESERVE
 
     def stop(self) -> None:
         """Stops workers and lets go of the data folder; nothing that is final is lost."""

@@ -100,6 +100,20 @@ class Token(Base):
     user: Mapped[User] = relationship(lazy="joined")
 
 
+class Upload(Base):
+    """A checkpoint on its way in; how much has come is the size of its file."""
+
+    __tablename__ = "uploads"
+    id: Mapped[str] = mapped_column(Id, primary_key=True)
+    owner_id: Mapped[str] = mapped_column(ForeignKey("users.id"), index=True)
+    length: Mapped[int] = mapped_column(BigInteger)  # bytes it will have
+    name: Mapped[str] = mapped_column(Name)  # of the policy
+    description: Mapped[str] = mapped_column(default="")
+    sha256: Mapped[str | None] = mapped_column(Digest)  # that the client says it has
+    created: Mapped[datetime] = mapped_column(default=now)
+    expires: Mapped[datetime]
+
+
 class AuditEntry(Base):
     """Something that somebody changed or was refused; only ever added."""
 

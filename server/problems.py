@@ -42,7 +42,8 @@ class Problem(Exception):
     @property
     def title(self) -> str:
         """The status in words."""
-        return HTTPStatus(self.status).phrase
+        known = self.status in HTTPStatus._value2member_map_
+        return HTTPStatus(self.status).phrase if known else self.code.replace("_", " ").title()
 
     @property
     def document(self) -> dict[str, Any]:

@@ -133,6 +133,17 @@ def _scored(session: Session, owner: str) -> list[datetime]:
     return [created for created, tasks in found if set(tasks) == set(ALL_TASKS)]
 
 
+def owns(session: Session, owner: str, sha256: str) -> bool:
+    """True if a policy of the user plays this file."""
+    found = (
+        select(PolicyVersion.id)
+        .join(Policy, PolicyVersion.policy_id == Policy.id)
+        .where(Policy.owner_id == owner, PolicyVersion.spec["sha256"].as_string() == sha256)
+        .limit(1)
+    )
+    return session.scalar(found) is not None
+
+
 def stored(session: Session, owner: str) -> int:
     """Bytes of the checkpoints of a user's policies; each file counts once."""
     size = func.max(PolicyVersion.spec["size"].as_integer())

@@ -93,6 +93,26 @@ class PolicyVersionPublic(BaseModel):
     owner: str | None  # name of a user; null: the server's own
 
 
+class UploadMetadata(_Given):
+    """What a client says of an upload when it begins."""
+
+    name: PolicyName
+    description: Description = ""
+    sha256: Annotated[str, Field(pattern="^[0-9a-f]{64}$")] | None = None
+    # what tus clients add of themselves
+    filename: Annotated[str, Field(max_length=500), Field(exclude=True)] = ""
+    filetype: Annotated[str, Field(max_length=500), Field(exclude=True)] = ""
+
+
+class UploadPublic(BaseModel):
+    """How far an upload is."""
+
+    id: str
+    offset: int  # bytes that have come
+    length: int
+    expires: datetime
+
+
 # --- evaluations ---
 
 

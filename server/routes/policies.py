@@ -107,14 +107,14 @@ async def upload_checkpoint(
             raise Problem(400, "broken_off", "The checkpoint broke off.") from None
         async with hub.loading:
             version, new = await asyncio.to_thread(
-                _taken, hub, principal, received, name, description
+                taken, hub, principal, received, name, description
             )
     response.status_code = 201 if new else 200
     response.headers["Location"] = f"/api/v1/policies/{version.id}"
     return version
 
 
-def _taken(
+def taken(
     hub: Hub, principal: Principal, received: Received, name: str, description: str
 ) -> tuple[PolicyVersionPublic, bool]:
     """The version that plays this file, and whether it is a new one."""

@@ -11,7 +11,7 @@ from sqlalchemy import inspect, text
 from sqlalchemy.exc import IntegrityError, OperationalError
 
 from hide_tasks.contract import Failure
-from server import audit, credentials, lifecycle, policies, users
+from server import audit, credentials, lifecycle, policies, uploads, users
 from server.access import Scope
 from server.blobs import Blobs
 from server.commit import commit
@@ -56,6 +56,8 @@ def fill(database: Database, folder: Path) -> None:
         owner = users.register_owner(session)
         credentials.create_token(session, owner, "test", [Scope.READ])
         credentials.sign_in(session, owner)
+        wanted = {"length": 7, "name": "mine", "description": "", "sha256": None}
+        uploads.create(session, owner.id, **wanted)
         audit.note(session, "test", "", principal=None)
 
 

@@ -101,7 +101,8 @@ def test_a_mistake_is_one_clear_line_and_changes_nothing(
         database.close()
 
 
-def test_a_token_has_no_more_than_its_users_role(capfd, data: Path) -> None:
+@pytest.mark.usefixtures("data")
+def test_a_token_has_no_more_than_its_users_role(capfd) -> None:
     hide(capfd, "user", "add", "eve", "--role", "viewer", "--no-password")
 
     status, output, errors = hide(capfd, "token", "create", "eve", "--scope", Scope.SUBMIT)

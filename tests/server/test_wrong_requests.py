@@ -63,6 +63,7 @@ def test_every_route_is_tried(reader: TestClient) -> None:
         (method.upper(), path.removeprefix(API))
         for path, methods in document["paths"].items()
         for method in methods
+        if not path.startswith(f"{API}/uploads")  # routes/test_uploads.py has these
     }
     tried = {(method, path.format("{}")) for method, path in ID_ROUTES + OTHER_ROUTES}
 
