@@ -6,11 +6,13 @@ more only by a server that did not see it come.
 """
 
 import asyncio
+import errno
 import hashlib
 import os
 import shutil
 from collections.abc import AsyncIterator, Callable
 from datetime import timedelta
+from io import FileIO
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -91,7 +93,7 @@ class Coming:
                             raise Problem(413, "too_large", f"Upload-Length is {most} bytes.")
                         if not has_room():
                             raise Problem(507, "no_room", NO_ROOM)
-                        file.write(piece)
+                        _write_all(file, piece)
                         size += len(piece)
                         part.update(piece)
                         whole.update(piece)
@@ -99,6 +101,10 @@ class Coming:
         except TimeoutError:
             detail = f"No byte came for {STILL_LIMIT:g} s; go on at the new offset."
             raise Problem(408, "too_slow", detail) from None
+        except OSError as error:
+            if error.errno not in (errno.ENOSPC, errno.EDQUOT):
+                raise
+            raise Problem(507, "no_room", NO_ROOM) from None
 
     def cut(self, size: int) -> None:
         """Forgets what came behind this size."""
@@ -123,6 +129,13 @@ class Coming:
     def received(self) -> Received:
         """The whole file, as a checkpoint that came in."""
         return Received(self.path, self.digest().hexdigest(), self.size)
+
+
+def _write_all(file: FileIO, piece: bytes) -> None:
+    """Writes a piece; an unbuffered file may take less of it than it was given."""
+    rest = memoryview(piece)
+    while rest:
+        rest = rest[file.write(rest) :]
 
 
 class Uploads:

@@ -78,6 +78,7 @@ def create_upload(
         raise Problem(507, "no_room", checkpoints.NO_ROOM)
     with hub.database.writing() as session:
         policies.require_own(session, what.name, principal)
+        hub.uploads.sweep(session)
         row = uploads.create(
             session, principal.user, length=upload_length, **what.model_dump(mode="json")
         )
