@@ -45,12 +45,17 @@ class Hub:
         folder = DataFolder(settings.data)
         try:
             database = Database(folder.ledger)
-            with database.writing() as session:
-                owner = users.register_owner(session).id
-            hub = cls(settings, folder, database, owner)
         except BaseException:
             folder.close()
             raise
+        try:
+            with database.writing() as session:
+                owner = users.register_owner(session).id
+        except BaseException:
+            database.close()
+            folder.close()
+            raise
+        hub = cls(settings, folder, database, owner)
         hub.database.after_commit = hub.bell.ring
         return hub
 
