@@ -155,7 +155,7 @@ class Admission:
             return self.hub.owner.user if self._is_printed(password) else None
         with self.hub.database.reading() as session:
             user = users.checked(session, name, password)
-            return user and user.id
+            return user.id if user else None
 
     def _note_sign_in(self, session: Session, request: Request, name: str, status: int) -> None:
         address = address_of(request)
