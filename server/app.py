@@ -9,19 +9,33 @@ from fastapi.openapi.utils import get_openapi
 
 from hide_tasks.machine import installed
 from server import problems
+from server.access import require_declared
+from server.admission import Admission
 from server.guard import Guard
 from server.hub import Hub
-from server.routes import catalogue, episodes, evaluations, health, internal, policies
+from server.routes import (
+    catalogue,
+    episodes,
+    evaluations,
+    health,
+    internal,
+    people,
+    policies,
+    uploads,
+)
 from server.schemas import ProblemDocument
-from server.settings import LOOPBACK, Settings
+from server.settings import Settings
 from workers.protocol import INTERNAL
 
 API = "/api/v1"
 PROBLEM = {problems.MEDIA_TYPE: {"schema": {"$ref": "#/components/schemas/ProblemDocument"}}}
 ANY_PROBLEM: dict[int | str, dict[str, Any]] = {
+    401: {"description": "It is not known who asks.", "content": PROBLEM},
+    403: {"description": "Whoever asks may not.", "content": PROBLEM},
     404: {"description": "There is no such thing.", "content": PROBLEM},
     409: {"description": "Its state does not allow it.", "content": PROBLEM},
     422: {"description": "The request is wrong; `errors` says where.", "content": PROBLEM},
+    429: {"description": "Too often, or a quota is used up.", "content": PROBLEM},
     "default": {"description": "Any other problem.", "content": PROBLEM},
 }
 
@@ -36,6 +50,7 @@ def create_app(settings: Settings) -> FastAPI:
 
     @asynccontextmanager
     async def lifespan(_: FastAPI) -> AsyncIterator[None]:
+        require_declared(app)  # here, for others add routes to the application
         try:
             hub.start()
             yield
@@ -53,9 +68,10 @@ def create_app(settings: Settings) -> FastAPI:
     )
     app.state.hub = hub
     app.state.settings = settings
+    app.state.admit = Admission(hub)
     app.include_router(_api(), prefix=API, responses=ANY_PROBLEM)
     app.include_router(internal.router, prefix=INTERNAL, include_in_schema=False)
-    app.add_middleware(Guard, hosts=LOOPBACK)
+    app.add_middleware(Guard, hosts=settings.hosts)
     problems.install(app)
     app.openapi = lambda: _described(app)  # type: ignore[method-assign]
     return app
@@ -78,6 +94,6 @@ def _described(app: FastAPI) -> dict[str, Any]:
 
 def _api() -> APIRouter:
     api = APIRouter()
-    for routes in (catalogue, policies, evaluations, episodes, health):
+    for routes in (catalogue, policies, uploads, evaluations, episodes, people, health):
         api.include_router(routes.router)
     return api

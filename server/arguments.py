@@ -1,17 +1,36 @@
 """What the arguments of a command mean, checked before anything is done."""
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from hide_tasks.contract import Split
+    from server.settings import Settings
 
 
 class BadUsage(Exception):
     """What was asked for cannot be; the message is the one line that the user reads."""
+
+
+def settings_of(given: Mapping[str, Any]) -> "Settings":
+    """The server's settings: what is given, else the environment's, else the defaults.
+
+    Raises:
+        BadUsage: one is out of range.
+    """
+    from pydantic import ValidationError
+
+    from server.settings import Settings
+
+    try:
+        return Settings(**{name: value for name, value in given.items() if value is not None})
+    except ValidationError as error:
+        fault = error.errors()[0]
+        name = f"HIDE_SERVER_{fault['loc'][0]}".upper()
+        raise BadUsage(f"{name}={fault['input']}: {fault['msg']}.") from None
 
 
 def chosen_tasks(names: str, category: str | None = None) -> tuple[str, ...]:

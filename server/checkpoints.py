@@ -16,6 +16,7 @@ from sqlalchemy.orm import Session
 
 from seek_model.checkpoint_header import BadCheckpoint, Header, read_header
 from server import blobs, policies
+from server.access import Principal
 from server.blobs import Blobs
 from server.models import Policy, PolicyVersion
 from server.problems import Problem, invalid
@@ -137,13 +138,19 @@ def known(session: Session, name: str, sha256: str) -> PolicyVersion | None:
 
 
 def keep(
-    session: Session, received: Received, *, name: str, description: str, model: str
+    session: Session,
+    received: Received,
+    *,
+    name: str,
+    description: str,
+    model: str,
+    principal: Principal | None = None,
 ) -> PolicyVersion:
     """The next version of a policy, whose file is in its place.
 
     Raises:
-        Problem: 422, the name is a built-in policy's.
+        Problem: 422, the name is a built-in policy's; 403, it is somebody else's.
     """
     blobs.note(session, received.sha256, received.size, blobs.CHECKPOINT)
     spec = CheckpointPolicy(sha256=received.sha256, size=received.size, model=model)
-    return policies.register(session, name, spec, description=description)
+    return policies.register(session, name, spec, description=description, principal=principal)

@@ -15,7 +15,8 @@ from typing import Annotated, Any
 import typer
 from typer import Argument, Option
 
-from server.arguments import BadUsage, chosen_tasks, episode_count, new_folder
+from server import people_commands
+from server.arguments import BadUsage, chosen_tasks, episode_count, new_folder, settings_of
 
 BAD_USAGE = 2
 INTERRUPTED = 130  # as shells count: 128 and the signal's number
@@ -38,6 +39,11 @@ class RulesName(StrEnum):
     parity = "parity"
 
 
+class AuthName(StrEnum):
+    local = "local"
+    users = "users"
+
+
 class CategoryName(StrEnum):
     RC = "RC"
     HSR = "HSR"
@@ -49,6 +55,10 @@ Workers = Annotated[
     int | None, Option(min=1, help="Episodes at a time; default: one per processor.")
 ]
 AsJson = Annotated[bool, Option("--json", help="Print JSON instead of a table.")]
+
+
+app.add_typer(people_commands.user, name="user")
+app.add_typer(people_commands.token, name="token")
 
 
 @app.callback(invoke_without_command=True)
@@ -206,6 +216,22 @@ def serve(
     workers: Annotated[
         int | None, Option(min=0, max=256, help="Shards at a time; default: one per processor.")
     ] = None,
+    auth: Annotated[
+        AuthName | None,
+        Option(help="local: everything is done as one owner; users: everybody signs in."),
+    ] = None,
+    token: Annotated[
+        bool | None,
+        Option(
+            "--token/--no-token",
+            help="In local mode, ask for the token that is printed at start; default: when others "
+            "than this machine's users may reach the server.",
+        ),
+    ] = None,
+    public_url: Annotated[
+        str | None,
+        Option(help="The address that people use, such as https://evaluation.example.org."),
+    ] = None,
     allow_python: Annotated[
         bool | None,
         Option(
@@ -223,26 +249,21 @@ def serve(
     ] = None,
 ) -> None:
     """Run the evaluation server: pages, API and workers. HIDE_SERVER_… variables are read too."""
-    from pydantic import ValidationError
-
     from server.serve import serve as run_server
-    from server.settings import Settings
 
     given: dict[str, Any] = {
         "data": data,
         "host": host,
         "port": port,
         "workers": workers,
+        "auth": auth and auth.value,
+        "token": token,
+        "public_url": public_url,
         "allow_python": allow_python,
         "references": references,
     }
     logging.basicConfig(format="%(asctime)s %(levelname)s %(message)s")
-    try:
-        settings = Settings(**{name: value for name, value in given.items() if value is not None})
-    except ValidationError as error:
-        fault = error.errors()[0]
-        name = f"HIDE_SERVER_{fault['loc'][0]}".upper()
-        raise BadUsage(f"{name}={fault['input']}: {fault['msg']}.") from None
+    settings = settings_of(given)
     run_server(settings, lambda url: typer.echo(f"HIDE-SEEK: {url} (Ctrl-C stops)", err=True))
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from server.db import LedgerError, examine
 
 LEDGER = "ledger.sqlite3"
-FOLDERS = ("blobs", "growing", "logs")
+FOLDERS = ("blobs", "growing", "logs", "uploads")
 
 
 class DataFolderError(Exception):
@@ -46,6 +46,11 @@ class DataFolder:
     def growing(self) -> Path:
         """Recordings of running episodes."""
         return self.path / "growing"
+
+    @property
+    def uploads(self) -> Path:
+        """Checkpoints that have not come whole yet."""
+        return self.path / "uploads"
 
     @property
     def logs(self) -> Path:

@@ -8,6 +8,7 @@ from fastapi import Depends, Header, Query, Request
 from sqlalchemy.orm import Session
 
 from server import episodes, evaluations
+from server.access import Principal
 from server.hub import Hub
 from server.lifecycle import hash_token
 from server.models import Attempt, Episode
@@ -21,6 +22,15 @@ def _hub(request: Request) -> Hub:
 
 
 TheHub = Annotated[Hub, Depends(_hub)]
+
+
+def _principal(request: Request) -> Principal:
+    """Whoever was let in; a route that is open to anybody has no use for this."""
+    principal: Principal = request.state.principal
+    return principal
+
+
+ThePrincipal = Annotated[Principal, Depends(_principal)]
 
 
 def _reading(hub: TheHub) -> Iterator[Session]:

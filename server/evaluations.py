@@ -52,9 +52,16 @@ def current_sources() -> dict[str, str]:
 
 
 def create(
-    session: Session, wanted: EvaluationCreate, idempotency_key: str | None = None
+    session: Session,
+    wanted: EvaluationCreate,
+    idempotency_key: str | None = None,
+    *,
+    owner: str | None = None,
 ) -> Evaluation:
-    """A new evaluation, or the one that the same key asked for before.
+    """A new evaluation, or the one that the same user's same key asked for before.
+
+    Args:
+        owner: id of the user who asks; None for the server itself.
 
     Raises:
         Problem: 422, no such policy, task or number of episodes; 422, the key was used for
@@ -62,6 +69,7 @@ def create(
     """
     digest = hashlib.sha256(wanted.model_dump_json().encode()).hexdigest()
     if idempotency_key is not None:
+        idempotency_key = hashlib.sha256(f"{owner} {idempotency_key}".encode()).hexdigest()
         known = select(Evaluation).where(Evaluation.idempotency_key == idempotency_key)
         if there := session.scalar(known):
             return _same(there, digest)
@@ -78,6 +86,7 @@ def create(
         recordings=wanted.recordings,
         idempotency_key=idempotency_key,
         request_digest=digest,
+        owner_id=owner,
     )
 
 
@@ -274,6 +283,7 @@ def _public(session: Session, one: Evaluation, counted: Counts) -> EvaluationPub
         "reason": one.reason or _why_it_waits(session, one),
         "progress": progress(session, one, counted),
         "verdicts": verdicts(counted),
+        "owner": one.owner and one.owner.name,
         "last_event": last_event(session, one.id),
     }
     same = "id state desired split rules tasks episodes priority recordings created started ended"

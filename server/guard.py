@@ -4,6 +4,7 @@ A server on loopback without log-in is still reached by every page that the user
 open; these rules keep them out.
 """
 
+import re
 from collections.abc import Iterable
 from urllib.parse import urlsplit
 
@@ -15,7 +16,7 @@ from server.problems import Problem, response
 
 SAFE = ("GET", "HEAD", "OPTIONS")
 MOST = 32 * 2**20  # bytes of a body; what is streamed has limits of its own
-STREAMED = ("/recording", "/policies/checkpoints")
+STREAMED = re.compile(r".*/recording|.*/policies/checkpoints|.*/uploads/[^/]+")
 
 
 class Guard:
@@ -38,7 +39,7 @@ class Guard:
             return
         if scope["method"] == "HEAD":  # routes know GET alone; the body is left out further below
             scope = {**scope, "method": "GET"}
-        limited = receive if scope["path"].endswith(STREAMED) else _limited(receive)
+        limited = receive if STREAMED.fullmatch(scope["path"]) else _limited(receive)
         await self.app(scope, limited, send)
 
     def _problem(self, scope: Scope) -> Problem | None:

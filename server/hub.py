@@ -1,20 +1,24 @@
 """What the parts of a running server share: its ledger, its files, its engine."""
 
 import asyncio
+import logging
 import shutil
 from dataclasses import dataclass, field
 from functools import partial
 
-from server import evaluations, first_run, jobs, lifecycle, policies
+from server import credentials, evaluations, first_run, jobs, lifecycle, policies, users
+from server.access import Principal, Role
 from server.bell import Bell
 from server.blobs import Blobs
 from server.data_folder import DataFolder
 from server.db import Database
 from server.growing import GrowingRecordings
 from server.reconciler import Reconciler
-from server.settings import Settings
+from server.settings import EVERY_ADDRESS, Settings
+from server.uploads import Uploads
 from workers.engines.engine import Engine
 
+logger = logging.getLogger(__name__)
 WORKERS_LOG = "workers.log"
 RESERVE = 500 * 2**20  # bytes of disk below which nothing more is handed out
 
@@ -26,6 +30,7 @@ class Hub:
     settings: Settings
     folder: DataFolder
     database: Database
+    owner_id: str
     bell: Bell = field(default_factory=Bell)
     engine: Engine | None = None
     reconciler: Reconciler | None = None
@@ -39,23 +44,47 @@ class Hub:
         """
         folder = DataFolder(settings.data)
         try:
-            hub = cls(settings, folder, Database(folder.ledger))
+            database = Database(folder.ledger)
         except BaseException:
             folder.close()
             raise
+        try:
+            with database.writing() as session:
+                owner = users.register_owner(session).id
+        except BaseException:
+            database.close()
+            folder.close()
+            raise
+        hub = cls(settings, folder, database, owner)
         hub.database.after_commit = hub.bell.ring
         return hub
 
     def __post_init__(self) -> None:
         self.blobs = Blobs(self.folder.blobs)
+        self.uploads = Uploads(self.folder.uploads)
         self.recordings = GrowingRecordings(self.folder.growing)
+        self.owner = Principal(
+            self.owner_id, users.OWNER, Role.ADMIN, Role.ADMIN.scopes, via="local"
+        )
+        self.local_token = (
+            credentials.written(credentials.LOCAL, credentials.new_secret())
+            if self.settings.asks_token
+            else None
+        )
         self.loading = asyncio.Lock()  # of a checkpoint: one takes much memory
 
     @property
     def address(self) -> str:
         """Where workers of this machine reach the server."""
-        host = "127.0.0.1" if self.settings.host == "localhost" else self.settings.host
+        local = ("localhost", *EVERY_ADDRESS)
+        host = "127.0.0.1" if self.settings.host in local else self.settings.host
         return f"http://{f'[{host}]' if ':' in host else host}:{self.settings.port}"
+
+    @property
+    def entrance(self) -> str:
+        """The address that people open; in local mode with the token, if one is asked for."""
+        address = self.settings.public_url or self.address
+        return f"{address}/login?token={self.local_token}" if self.local_token else address
 
     def start(self) -> None:
         """Takes up what was left, and begins to hand out work; the event loop is running."""
@@ -64,7 +93,10 @@ class Hub:
         self.blobs.clear_parts()
         with self.database.writing() as session:
             policies.register_builtin(session)
+            self.uploads.sweep(session)
             lifecycle.recover(session, evaluations.current_sources())
+            if self.settings.auth == "users" and not users.somebody(session):
+                logger.warning("Nobody may sign in yet: hide user add NAME --role admin")
             if self.settings.references:
                 first_run.evaluate_references(session)
         if self.settings.workers:
@@ -97,9 +129,9 @@ class Hub:
         )
         self.reconciler.start()
 
-    def has_room(self) -> bool:
-        """True while the disk has room for what is measured."""
-        return shutil.disk_usage(self.folder.path).free > RESERVE
+    def has_room(self, more: int = 0) -> bool:
+        """True while the disk has room for what is measured, and for so many bytes more."""
+        return shutil.disk_usage(self.folder.path).free - more > RESERVE
 
     def stop(self) -> None:
         """Stops workers and lets go of the data folder; nothing that is final is lost."""

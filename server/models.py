@@ -7,6 +7,7 @@ from typing import Any, ClassVar
 
 from sqlalchemy import (
     JSON,
+    BigInteger,
     CheckConstraint,
     DateTime,
     Dialect,
@@ -57,6 +58,78 @@ class Base(DeclarativeBase):
     }
 
 
+class User(Base):
+    """Somebody who may use the server. Local mode knows one, its owner, who has no password."""
+
+    __tablename__ = "users"
+    id: Mapped[str] = mapped_column(Id, primary_key=True)
+    name: Mapped[str] = mapped_column(Name, unique=True)
+    role: Mapped[str] = mapped_column(Name)
+    password_hash: Mapped[str | None] = mapped_column(String(200))  # argon2id
+    active: Mapped[bool] = mapped_column(default=True)
+    attempts: Mapped[int | None]  # quotas; null: as the server's settings say
+    scored: Mapped[int | None]
+    storage: Mapped[int | None] = mapped_column(BigInteger)  # bytes
+    created: Mapped[datetime] = mapped_column(default=now)
+
+
+class SignIn(Base):
+    """A browser in which a user is signed in; the ledger does not know its cookie."""
+
+    __tablename__ = "sign_ins"
+    secret_hash: Mapped[str] = mapped_column(Digest, primary_key=True)
+    user_id: Mapped[str] = mapped_column(ForeignKey("users.id"), index=True)
+    created: Mapped[datetime] = mapped_column(default=now)
+    expires: Mapped[datetime]
+    user: Mapped[User] = relationship(lazy="joined")
+
+
+class Token(Base):
+    """What a program shows instead of a password: `hide_<id>_<secret>`."""
+
+    __tablename__ = "tokens"
+    id: Mapped[str] = mapped_column(Id, primary_key=True)
+    user_id: Mapped[str] = mapped_column(ForeignKey("users.id"), index=True)
+    name: Mapped[str] = mapped_column(Name)
+    secret_hash: Mapped[str] = mapped_column(Digest)
+    scopes: Mapped[list[Any]]
+    created: Mapped[datetime] = mapped_column(default=now)
+    expires: Mapped[datetime | None]
+    last_used: Mapped[datetime | None]  # to within some minutes
+    revoked: Mapped[datetime | None]
+    user: Mapped[User] = relationship(lazy="joined")
+
+
+class Upload(Base):
+    """A checkpoint on its way in; how much has come is the size of its file."""
+
+    __tablename__ = "uploads"
+    id: Mapped[str] = mapped_column(Id, primary_key=True)
+    owner_id: Mapped[str] = mapped_column(ForeignKey("users.id"), index=True)
+    length: Mapped[int] = mapped_column(BigInteger)  # bytes it will have
+    name: Mapped[str] = mapped_column(Name)  # of the policy
+    description: Mapped[str] = mapped_column(default="")
+    sha256: Mapped[str | None] = mapped_column(Digest)  # that the client says it has
+    created: Mapped[datetime] = mapped_column(default=now)
+    expires: Mapped[datetime]
+
+
+class AuditEntry(Base):
+    """Something that somebody changed or was refused; only ever added."""
+
+    __tablename__ = "audit_entries"
+    __table_args__ = ({"sqlite_autoincrement": True},)
+    seq: Mapped[int] = mapped_column(primary_key=True)
+    time: Mapped[datetime] = mapped_column(default=now)
+    user_id: Mapped[str | None] = mapped_column(ForeignKey("users.id"), index=True)
+    name: Mapped[str] = mapped_column(Name)  # of the user then, or that a sign-in gave
+    via: Mapped[str] = mapped_column(Name)  # local, session, token id, or command
+    address: Mapped[str] = mapped_column(Name)  # of the client
+    action: Mapped[str] = mapped_column(Name)  # of the route or command
+    subject: Mapped[str] = mapped_column(String(300))
+    status: Mapped[int]  # as HTTP; a command's is 200
+
+
 class Policy(Base):
     """A policy by name."""
 
@@ -64,6 +137,8 @@ class Policy(Base):
     id: Mapped[str] = mapped_column(Id, primary_key=True)
     name: Mapped[str] = mapped_column(Name, unique=True)
     created: Mapped[datetime] = mapped_column(default=now)
+    owner_id: Mapped[str | None] = mapped_column(ForeignKey("users.id"))  # null: the server's own
+    owner: Mapped[User | None] = relationship(lazy="joined")
     versions: Mapped[list["PolicyVersion"]] = relationship(back_populates="policy")
 
 
@@ -107,7 +182,9 @@ class Evaluation(Base):
     ended: Mapped[datetime | None]
     idempotency_key: Mapped[str | None] = mapped_column(String(200), unique=True)
     request_digest: Mapped[str | None] = mapped_column(Digest)
+    owner_id: Mapped[str | None] = mapped_column(ForeignKey("users.id"), index=True)
     policy_version: Mapped[PolicyVersion] = relationship(lazy="joined")
+    owner: Mapped[User | None] = relationship(lazy="joined")
 
 
 class Shard(Base):

@@ -5,6 +5,7 @@ import difflib
 from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
+from server.access import Principal
 from server.models import Evaluation, Policy, PolicyVersion, new_id
 from server.problems import Problem, invalid
 from server.schemas import PolicyVersionPublic
@@ -38,6 +39,17 @@ def require_free(name: str) -> None:
         raise invalid("name", f"'{name}' is a built-in policy; choose another name")
 
 
+def require_own(session: Session, name: str, principal: Principal) -> None:
+    """Does nothing if the principal may register a version of this name.
+
+    Raises:
+        Problem: 403, the policy is somebody else's; 422, it is a built-in one.
+    """
+    require_free(name)
+    if policy := session.scalar(select(Policy).where(Policy.name == name)):
+        principal.require_own(policy.owner_id, f"Policy '{name}'")
+
+
 def register(
     session: Session,
     name: str,
@@ -45,19 +57,27 @@ def register(
     *,
     description: str = "",
     reference: bool = False,
+    principal: Principal | None = None,
 ) -> PolicyVersion:
-    """A policy's next version.
+    """A policy's next version; whose first one it is owns the policy.
+
+    Args:
+        principal: who registers it; None for the server itself.
 
     Raises:
-        Problem: the name is a built-in policy's, or the replay's evaluation does not exist.
+        Problem: the name is a built-in policy's or somebody else's, or the replay's evaluation
+            does not exist.
     """
     if not reference:
         require_free(name)
     if isinstance(spec, ReplayPolicy) and session.get(Evaluation, spec.evaluation) is None:
         raise invalid("spec.evaluation", f"no evaluation '{spec.evaluation}'")
     policy = session.scalar(select(Policy).where(Policy.name == name))
+    if policy is not None and principal is not None:
+        principal.require_own(policy.owner_id, f"Policy '{name}'")
     if policy is None:
-        policy = Policy(id=new_id("po"), name=name)
+        owner = principal.user if principal else None
+        policy = Policy(id=new_id("po"), name=name, owner_id=owner)
         session.add(policy)
         session.flush()
     newest = func.coalesce(func.max(PolicyVersion.number), 0)
@@ -123,5 +143,6 @@ def public(version: PolicyVersion) -> PolicyVersionPublic:
             "spec": version.spec,
             "reference": version.reference,
             "created": version.created,
+            "owner": version.policy.owner and version.policy.owner.name,
         }
     )

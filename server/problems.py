@@ -23,19 +23,27 @@ class Problem(Exception):
         code: stable, for programs: `not_found`, `stale_attempt`, …
         detail: one sentence for people.
         errors: `{field, message}` of each field that is wrong.
+        headers: that the answer has.
     """
 
     def __init__(
-        self, status: int, code: str, detail: str, errors: Sequence[Mapping[str, str]] = ()
+        self,
+        status: int,
+        code: str,
+        detail: str,
+        errors: Sequence[Mapping[str, str]] = (),
+        headers: Mapping[str, str] | None = None,
     ):
         super().__init__(detail)
         self.status, self.code, self.detail = status, code, detail
+        self.headers = dict(headers or {})
         self.errors = [dict(error) for error in errors]
 
     @property
     def title(self) -> str:
         """The status in words."""
-        return HTTPStatus(self.status).phrase
+        known = self.status in HTTPStatus._value2member_map_
+        return HTTPStatus(self.status).phrase if known else self.code.replace("_", " ").title()
 
     @property
     def document(self) -> dict[str, Any]:
@@ -105,8 +113,7 @@ def install(app: FastAPI) -> None:
     """Answers every error of the application with a problem."""
 
     async def answer(_: Request, error: Exception) -> JSONResponse:
-        headers = error.headers if isinstance(error, HTTPException) else None
-        return response(of_exception(error), headers)
+        return response(of_exception(error), getattr(error, "headers", None))
 
     for kind in (Problem, RequestValidationError, HTTPException, Exception):
         app.add_exception_handler(kind, answer)

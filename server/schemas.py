@@ -6,7 +6,7 @@ Times are RFC 3339 in UTC. Rates are 0 to 1, with 95 % Wilson intervals.
 from datetime import datetime
 from typing import Annotated, Any, Generic, Literal, Self, TypeVar
 
-from pydantic import BaseModel, ConfigDict, Field, StrictBool
+from pydantic import AwareDatetime, BaseModel, ConfigDict, Field, SecretStr, StrictBool
 
 from hide_tasks.contract import (
     Category,
@@ -21,6 +21,7 @@ from hide_tasks.contract import (
     Variation,
 )
 from hide_tasks.statistics import Rate
+from server.access import Role, Scope
 from server.states import AttemptState, Desired, EpisodeState, EvaluationState
 from workers.protocol import NamedPolicy, PolicySpec
 
@@ -89,6 +90,27 @@ class PolicyVersionPublic(BaseModel):
     spec: PolicySpec
     reference: bool  # a built-in policy, shown beside the ranking
     created: datetime
+    owner: str | None  # name of a user; null: the server's own
+
+
+class UploadMetadata(_Given):
+    """What a client says of an upload when it begins."""
+
+    name: PolicyName
+    description: Description = ""
+    sha256: Annotated[str, Field(pattern="^[0-9a-f]{64}$")] | None = None
+    # what tus clients add of themselves
+    filename: Annotated[str, Field(max_length=500), Field(exclude=True)] = ""
+    filetype: Annotated[str, Field(max_length=500), Field(exclude=True)] = ""
+
+
+class UploadPublic(BaseModel):
+    """How far an upload is."""
+
+    id: str
+    offset: int  # bytes that have come
+    length: int
+    expires: datetime
 
 
 # --- evaluations ---
@@ -160,6 +182,7 @@ class EvaluationPublic(BaseModel):
     ended: datetime | None
     progress: Progress
     verdicts: Verdicts  # over the final episodes
+    owner: str | None  # name of a user; null: the server's own
     last_event: int  # the events after this number are not in here yet
 
 
@@ -341,6 +364,112 @@ class Leaderboard(BaseModel):
     ceilings: dict[str, float | None]  # of the ranking verdict: per task, per category, "overall"
     rows: list[LeaderboardRow]
     unlisted: int  # evaluations of the split that are incomplete, partial, or superseded
+
+
+# --- people ---
+
+
+UserName = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.@+-]{0,79}$")]
+Most = Annotated[int, Field(ge=0, lt=2**31, strict=True)] | None  # null: as the settings say
+MostBytes = Annotated[int, Field(ge=0, lt=2**63, strict=True)] | None
+Password = Annotated[SecretStr, Field(max_length=200)]
+
+
+class Quota(BaseModel):
+    """How much of something is used, and how much may be."""
+
+    used: int
+    limit: int | None  # null: without bound
+
+
+class Quotas(BaseModel):
+    """What a user may ask for; what infrastructure left incomplete is given back."""
+
+    attempts: Quota  # evaluations in 24 hours
+    scored: Quota  # of the whole suite's test split, in 30 days
+    storage: Quota  # bytes of checkpoints
+
+
+class Me(BaseModel):
+    """Who asks."""
+
+    name: str
+    role: Role
+    scopes: list[Scope]  # of what was shown; a token may have fewer than its user
+    via: Literal["local", "session", "token"]
+    quotas: Quotas
+
+
+class TokenCreate(_Given):
+    """A token to be made."""
+
+    name: Annotated[str, Field(min_length=1, max_length=80)]
+    scopes: Annotated[list[Scope], Field(min_length=1)]
+    expires: AwareDatetime | None = None  # null: when it is revoked
+
+
+class TokenPublic(BaseModel):
+    """A token without its secret."""
+
+    id: str
+    user: str
+    name: str
+    scopes: list[Scope]
+    created: datetime
+    expires: datetime | None
+    last_used: datetime | None  # to within five minutes
+    revoked: datetime | None
+
+
+class TokenCreated(TokenPublic):
+    """A new token; its text is told this once."""
+
+    token: str
+
+
+class UserCreate(_Given):
+    """A user to be added."""
+
+    name: UserName
+    role: Role
+    password: Password | None = None  # null: tokens alone
+
+
+class UserChange(_Given):
+    """What is to be different about a user; what is left out stays."""
+
+    role: Role = Role.VIEWER
+    password: Password = SecretStr("")
+    active: StrictBool = True
+    attempts: Most = None
+    scored: Most = None
+    storage: MostBytes = None
+
+
+class UserPublic(BaseModel):
+    """A user as administrators see them."""
+
+    name: str
+    role: Role
+    active: bool
+    has_password: bool
+    created: datetime
+    quotas: Quotas
+
+
+class AuditEntryPublic(BaseModel):
+    """Something that somebody changed, or was refused."""
+
+    model_config = ConfigDict(from_attributes=True)
+
+    seq: int
+    time: datetime
+    name: str  # of the user then, or that was given to sign in
+    via: str  # local, session, token and its id, command, none
+    address: str
+    action: str
+    subject: str
+    status: int  # as HTTP
 
 
 class Health(BaseModel):

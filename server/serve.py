@@ -2,6 +2,7 @@
 
 import errno
 import importlib
+import logging
 import socket
 from collections.abc import Callable
 from contextlib import suppress
@@ -12,8 +13,9 @@ from fastapi import FastAPI
 from server.arguments import BadUsage
 from server.data_folder import DataFolderError
 from server.db import LedgerError
-from server.settings import LOOPBACK, Settings
+from server.settings import EVERY_ADDRESS, Settings
 
+logger = logging.getLogger(__name__)
 BACKLOG = 128
 GRACE = 3  # s that open requests have when the server stops
 
@@ -27,11 +29,7 @@ def serve(settings: Settings, ready: Callable[[str], None] = lambda _: None) -> 
     Raises:
         BadUsage: the address or the data folder cannot be used; nothing was touched.
     """
-    if settings.host not in LOOPBACK:
-        raise BadUsage(
-            f"--host {settings.host}: without log-in the server listens on this machine alone; "
-            "use 127.0.0.1 and reach it through an SSH tunnel."
-        )
+    _require_safe(settings)
     with _bound(settings.host, settings.port) as listening:
         settings = settings.model_copy(update={"port": listening.getsockname()[1]})
         app = _application(settings)
@@ -42,11 +40,28 @@ def serve(settings: Settings, ready: Callable[[str], None] = lambda _: None) -> 
                 log_config=None,
                 timeout_graceful_shutdown=GRACE,
                 server_header=False,
+                proxy_headers=settings.public_url is not None,  # else anybody names any address
             ),
-            lambda: ready(app.state.hub.address),
+            lambda: ready(app.state.hub.entrance),
         )
         with suppress(KeyboardInterrupt):  # uvicorn repeats it once everything is shut down
             server.run(sockets=[listening])
+
+
+def _require_safe(settings: Settings) -> None:
+    """Refuses an address beyond this machine that nobody guards."""
+    if settings.beyond and settings.is_open:
+        raise BadUsage(
+            f"--no-token: others may reach {settings.public_url or settings.host} and would be its "
+            "owner; leave it out, give --auth users, or use --host 127.0.0.1."
+        )
+    if settings.host in EVERY_ADDRESS and settings.public_url is None:
+        raise BadUsage(
+            f"--host {settings.host}: give --public-url, the address that people use, so that "
+            "pages of other names are refused; or listen on this machine alone, 127.0.0.1."
+        )
+    if settings.beyond and not settings.secure:
+        logger.warning("No TLS: passwords and tokens can be read on the way. See --public-url.")
 
 
 class _Server(uvicorn.Server):

@@ -1,14 +1,25 @@
 """Every setting of the server: an option of `hide serve`, or HIDE_SERVER_… in the environment."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
+from urllib.parse import urlsplit
 
-from pydantic import Field
+from pydantic import AfterValidator, Field
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
 from workers.evaluation import count_cpus
 
 LOOPBACK = ("127.0.0.1", "localhost", "::1")
+EVERY_ADDRESS = ("0.0.0.0", "::")
+Rate = Annotated[str, Field(pattern=r"^[1-9]\d{0,8}/(second|minute|hour|day)$")]
+Count = Annotated[int, Field(ge=0)]
+
+
+def _as_url(text: str) -> str:
+    parts = urlsplit(text)
+    if parts.scheme not in ("http", "https") or not parts.hostname or parts.path.strip("/"):
+        raise ValueError("should be like https://evaluation.example.org")
+    return text.rstrip("/")
 
 
 class Settings(BaseSettings):
@@ -29,3 +40,42 @@ class Settings(BaseSettings):
     checkpoint_limit: Annotated[int, Field(gt=0)] = 4 * 2**30  # bytes of an uploaded one
     # s of wall time for an episode; what a Python policy may take comes on top
     episode_limit: Annotated[float, Field(gt=0)] = 600.0
+    # local: everything is done as one owner; users: everybody signs in
+    auth: Literal["local", "users"] = "local"
+    token: bool | None = None  # local: ask for the printed token? default: beyond this machine
+    # the address that people use, when a proxy or another machine stands between
+    public_url: Annotated[str, AfterValidator(_as_url)] | None = None
+    # In users mode, for whoever is no maintainer; null means without bound:
+    quota_attempts: Count | None = 50  # evaluations in 24 hours
+    quota_scored: Count | None = 10  # of them, of the whole suite's test split, in 30 days
+    quota_storage: Count | None = 20 * 2**30  # bytes of checkpoints
+    rate: Rate = "1200/minute"  # requests of one user
+    rate_unknown: Rate = "120/minute"  # requests of one address without a user
+    rate_sign_in: Rate = "10/minute"  # tries to sign in, of one address and at one name
+
+    @property
+    def hosts(self) -> frozenset[str]:
+        """Names under which the server may be addressed."""
+        public = urlsplit(self.public_url).hostname if self.public_url else None
+        bound = None if self.host in EVERY_ADDRESS else self.host
+        return frozenset({*LOOPBACK, *(name.lower() for name in (public, bound) if name)})
+
+    @property
+    def beyond(self) -> bool:
+        """True if others than this machine's users may reach it."""
+        return self.host not in LOOPBACK or bool(self.hosts - set(LOOPBACK))
+
+    @property
+    def asks_token(self) -> bool:
+        """True if the owner of local mode has to show the printed token."""
+        return self.auth == "local" and (self.beyond if self.token is None else self.token)
+
+    @property
+    def is_open(self) -> bool:
+        """True if whoever reaches the server is its owner."""
+        return self.auth == "local" and not self.asks_token
+
+    @property
+    def secure(self) -> bool:
+        """True if browsers reach it by TLS."""
+        return (self.public_url or "").startswith("https:")

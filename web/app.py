@@ -12,6 +12,7 @@ from starlette.types import Scope
 import server.app
 from server.settings import Settings
 from web import (
+    routes_account,
     routes_episodes,
     routes_evaluations,
     routes_leaderboard,
@@ -23,7 +24,14 @@ from web.security import SecurityHeaders
 from web.templating import STATIC, fingerprint
 from web.viewer_assets import ViewerAssets
 
-ROUTES = (routes_leaderboard, routes_evaluations, routes_episodes, routes_tasks, routes_viewer)
+ROUTES = (
+    routes_leaderboard,
+    routes_evaluations,
+    routes_episodes,
+    routes_tasks,
+    routes_viewer,
+    routes_account,
+)
 
 
 def create_app(settings: Settings) -> FastAPI:

@@ -7,10 +7,10 @@ from typing import Any
 from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
 from starlette.exceptions import HTTPException
-from starlette.responses import Response
+from starlette.responses import RedirectResponse, Response
 
 from server.problems import Problem, of_exception
-from web.templating import page
+from web.templating import page, query
 
 FOR_PROGRAMS = ("/api/", "/internal/", "/static/", "/viewer/")
 Handler = Callable[[Request, Any], Response | Awaitable[Response]]
@@ -35,5 +35,8 @@ def _either(for_programs: Handler | None) -> Any:
 def error_page(request: Request, error: Exception) -> Response:
     """The page for an error."""
     problem = of_exception(error)
+    if problem.status == 401 and request.method == "GET":
+        asked = f"{request.url.path}?{request.url.query}".rstrip("?")
+        return RedirectResponse(f"/login{query(next=asked)}", 303)
     headers = getattr(error, "headers", None)
     return page(request, "error.html", {"problem": problem}, status=problem.status, headers=headers)

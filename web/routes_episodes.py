@@ -3,12 +3,13 @@
 from collections.abc import Sequence
 from typing import Annotated, NamedTuple
 
-from fastapi import APIRouter, Query, Request
+from fastapi import Query, Request
 from fastapi.responses import HTMLResponse
 from sqlalchemy.orm import Session
 
 from hide_tasks.contract import Failure, Value
 from server import episodes, evaluations
+from server.access import Router, Scope, needs
 from server.deps import Reading
 from server.schemas import DecisionPublic, EpisodeDetail
 from web.filters import Filters
@@ -17,10 +18,11 @@ from web.templating import page
 from web.timeline import Timeline
 from web.viewer_assets import LAYOUT, SCRIPT, ViewerAssets
 
-router = APIRouter(include_in_schema=False)
+router = Router(include_in_schema=False)
 
 
 @router.get("/episodes/{id}")
+@needs(Scope.READ)
 def show_episode(
     request: Request, session: Reading, id: str, filters: Annotated[Filters, Query()]
 ) -> HTMLResponse:

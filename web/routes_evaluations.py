@@ -4,12 +4,13 @@ from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from typing import Annotated, Any
 
-from fastapi import APIRouter, Query, Request
+from fastapi import Query, Request
 from fastapi.responses import HTMLResponse
 from sqlalchemy.orm import Session
 
 from hide_tasks.contract import Category, Failure
 from server import episodes, evaluations, policies, tasks
+from server.access import Router, Scope, needs
 from server.deps import Reading, TheHub
 from server.paging import MOST
 from server.schemas import AttemptPublic, EpisodePublic, FailureGroup, RatePublic, Verdicts
@@ -18,7 +19,7 @@ from web.filters import EMPTY_IS_NONE, Filters
 from web.templating import page
 from workers.policies import BUILTIN
 
-router = APIRouter(include_in_schema=False)
+router = Router(include_in_schema=False)
 
 LISTED = 50
 PICTURES = 60
@@ -26,6 +27,7 @@ Filtered = Annotated[Filters, Query()]
 
 
 @router.get("/evaluations")
+@needs(Scope.READ)
 def list_evaluations(
     request: Request,
     session: Reading,
@@ -48,6 +50,7 @@ def list_evaluations(
 
 
 @router.get("/evaluations/new")
+@needs(Scope.SUBMIT)
 def show_form(
     request: Request,
     session: Reading,
@@ -73,6 +76,7 @@ def show_form(
 
 
 @router.get("/evaluations/{id}")
+@needs(Scope.READ)
 def show_evaluation(request: Request, session: Reading, id: str) -> HTMLResponse:
     """One evaluation as it stands; a script keeps it up to date."""
     evaluation = evaluations.get(session, id)
@@ -87,6 +91,7 @@ def show_evaluation(request: Request, session: Reading, id: str) -> HTMLResponse
 
 
 @router.get("/evaluations/{id}/failures")
+@needs(Scope.READ)
 def show_failures(request: Request, session: Reading, id: str, filters: Filtered) -> HTMLResponse:
     """What went wrong, counted, and the episodes of it."""
     evaluation = evaluations.get(session, id)

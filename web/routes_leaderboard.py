@@ -3,22 +3,24 @@
 from collections.abc import Sequence
 from typing import Annotated
 
-from fastapi import APIRouter, Query, Request
+from fastapi import Query, Request
 from fastapi.responses import HTMLResponse, Response
 from starlette.responses import FileResponse
 
 from hide_tasks.contract import Category, Split
 from server import evaluations, leaderboard
+from server.access import Gate, Router, Scope, needs
 from server.deps import Reading
 from server.schemas import LeaderboardColumn, Verdict
 from web.templating import STATIC, page
 
-router = APIRouter(include_in_schema=False)
+router = Router(include_in_schema=False)
 
 SHOWN_SPLITS: tuple[Split, ...] = ("test", "val")
 
 
 @router.get("/")
+@needs(Scope.READ)
 def show_leaderboard(
     request: Request,
     session: Reading,
@@ -48,6 +50,7 @@ def groups(
 
 
 @router.get("/favicon.ico")
+@needs(Gate.PUBLIC)
 def show_icon() -> Response:
     """The icon, for browsers that look for it where it always was."""
     return FileResponse(STATIC / "favicon.svg", media_type="image/svg+xml")

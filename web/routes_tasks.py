@@ -1,16 +1,18 @@
 """The tasks: what each asks, what it hides, and what a score on it means."""
 
-from fastapi import APIRouter, Request
+from fastapi import Request
 from fastapi.responses import HTMLResponse
 
 from hide_tasks.contract import Category
 from server import tasks
+from server.access import Router, Scope, needs
 from web.templating import page
 
-router = APIRouter(include_in_schema=False)
+router = Router(include_in_schema=False)
 
 
 @router.get("/tasks")
+@needs(Scope.READ)
 def list_tasks(request: Request) -> HTMLResponse:
     """All tasks by category."""
     found = tasks.catalogue()
@@ -19,6 +21,7 @@ def list_tasks(request: Request) -> HTMLResponse:
 
 
 @router.get("/tasks/{name}")
+@needs(Scope.READ)
 def show_task(request: Request, name: str) -> HTMLResponse:
     """One task."""
     return page(request, "task.html", {"task": tasks.task(name)})

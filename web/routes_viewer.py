@@ -5,13 +5,14 @@ import gzip
 from collections.abc import Iterator
 from pathlib import Path
 
-from fastapi import APIRouter, Request
+from fastapi import Request
 from fastapi.responses import FileResponse, Response, StreamingResponse
 
+from server.access import Router, Scope, needs
 from server.problems import Problem, not_found
 from web.viewer_assets import LAYOUT, SCRIPT, WASM, ViewerAssets, ViewerFiles, ViewerMissing
 
-router = APIRouter(include_in_schema=False)
+router = Router(include_in_schema=False)
 
 FOREVER = {"Cache-Control": "public, max-age=31536000, immutable"}
 PIECE = 1 << 18  # bytes
@@ -31,6 +32,7 @@ async def viewer_files(request: Request) -> ViewerFiles:
 
 
 @router.get("/viewer/{version}/{name}")
+@needs(Scope.READ)
 async def viewer_file(request: Request, version: str, name: str) -> Response:
     """One file of the viewer."""
     assets: ViewerAssets = request.app.state.viewer

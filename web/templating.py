@@ -37,7 +37,8 @@ def page(
     headers: Mapping[str, str] | None = None,
 ) -> HTMLResponse:
     """A rendered page; a browser asks again for it each time, for its numbers change."""
-    text = ENVIRONMENT.get_template(template).render(path=request.url.path, **shown)
+    me = getattr(request.state, "principal", None)
+    text = ENVIRONMENT.get_template(template).render(path=request.url.path, me=me, **shown)
     return HTMLResponse(text, status, {"Cache-Control": "no-cache", **(headers or {})})
 
 

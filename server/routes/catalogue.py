@@ -1,28 +1,30 @@
 """Tasks and the leaderboard."""
 
-from fastapi import APIRouter
-
 from hide_tasks.contract import Split
 from server import leaderboard, tasks
+from server.access import Router, Scope, needs
 from server.deps import Reading
 from server.schemas import Leaderboard, TaskPublic, Verdict
 
-router = APIRouter(tags=["catalogue"])
+router = Router(tags=["catalogue"])
 
 
 @router.get("/tasks")
+@needs(Scope.READ)
 def list_tasks() -> list[TaskPublic]:
     """Every task of the suite."""
     return tasks.catalogue()
 
 
 @router.get("/tasks/{task}")
+@needs(Scope.READ)
 def get_task(task: str) -> TaskPublic:
     """One task: language, variations, hidden state, certificate."""
     return tasks.task(task)
 
 
 @router.get("/leaderboard")
+@needs(Scope.READ)
 def get_leaderboard(
     session: Reading, split: Split = "test", verdict: Verdict = "success"
 ) -> Leaderboard:

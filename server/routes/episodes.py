@@ -4,7 +4,7 @@ import asyncio
 from contextlib import suppress
 from typing import Annotated
 
-from fastapi import APIRouter, Query, Response
+from fastapi import Query, Response
 from fastapi.responses import FileResponse, StreamingResponse
 from pydantic import BaseModel, ConfigDict, Field
 from sqlalchemy.orm import Session
@@ -12,6 +12,7 @@ from starlette.types import Send
 
 from hide_tasks.contract import Category, Failure
 from server import blobs, episodes, evaluations
+from server.access import Router, Scope, needs
 from server.deps import Cursor, EpisodeId, EvaluationId, Limit, Reading, TheHub
 from server.growing import BrokenOff, Growing
 from server.hub import Hub
@@ -26,7 +27,7 @@ from server.schemas import (
 )
 from server.states import EpisodeState
 
-router = APIRouter(tags=["episodes"])
+router = Router(tags=["episodes"])
 FOR_EVER = {"Cache-Control": "private, max-age=31536000, immutable"}
 NEVER = {"Cache-Control": "no-store"}
 PATIENCE = 5.0  # s to wait for the first bytes of a running episode's recording
@@ -64,6 +65,7 @@ class EpisodeFilter(WithinFilter):
 
 
 @router.get("/episodes")
+@needs(Scope.READ)
 def list_episodes(
     session: Reading, wanted: Annotated[EpisodeFilter, Query()]
 ) -> Page[EpisodePublic]:
@@ -72,6 +74,7 @@ def list_episodes(
 
 
 @router.get("/evaluations/{evaluation}/episodes")
+@needs(Scope.READ)
 def list_episodes_of_evaluation(
     evaluation: EvaluationId, session: Reading, wanted: Annotated[WithinFilter, Query()]
 ) -> Page[EpisodePublic]:
@@ -80,24 +83,28 @@ def list_episodes_of_evaluation(
 
 
 @router.get("/episodes/{episode}")
+@needs(Scope.READ)
 def get_episode(episode: str, session: Reading) -> EpisodeDetail:
     """One episode: verdicts, hashes, timing."""
     return episodes.get(session, episode)
 
 
 @router.get("/episodes/{episode}/decisions")
+@needs(Scope.READ)
 def list_decisions(episode: str, session: Reading) -> list[DecisionPublic]:
     """Every decision with the hidden state after it."""
     return episodes.decisions(session, episode)
 
 
 @router.get("/episodes/{episode}/changes")
+@needs(Scope.READ)
 def list_changes(episode: str, session: Reading) -> list[ChangePublic]:
     """The hidden state at the start and after each of its changes, seen 20 times a second."""
     return episodes.changes(session, episode)
 
 
 @router.get("/episodes/{episode}/spans")
+@needs(Scope.READ)
 def list_spans(episode: str, session: Reading) -> list[SpanPublic]:
     """What held from when to when: hidden values, the stage, beliefs."""
     return episodes.spans(session, episode)
@@ -108,6 +115,7 @@ def list_spans(episode: str, session: Reading) -> list[SpanPublic]:
     response_class=FileResponse,
     responses={200: {"content": {blobs.JPEG: {}}}},
 )
+@needs(Scope.READ)
 def get_thumbnail(episode: str, session: Reading, hub: TheHub) -> FileResponse:
     """What the front camera saw last."""
     sha256 = episodes.row(session, episode).thumbnail
@@ -121,6 +129,7 @@ def get_thumbnail(episode: str, session: Reading, hub: TheHub) -> FileResponse:
     response_class=Response,
     responses={200: {"content": {blobs.RRD: {}}}},
 )
+@needs(Scope.READ)
 async def get_recording(episode: EpisodeId, hub: TheHub) -> Response:
     """The recording; that of a running episode comes as it grows, from its first byte."""
     growing = await _coming_in(hub, episode)

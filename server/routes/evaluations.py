@@ -3,12 +3,13 @@
 from collections.abc import AsyncIterator
 from typing import Annotated, Any
 
-from fastapi import APIRouter, Header, Query, Response
+from fastapi import Header, Query, Response
 from fastapi.sse import EventSourceResponse, ServerSentEvent
 from pydantic import ValidationError
 
-from server import episodes, evaluations, followers, lifecycle
-from server.deps import Cursor, EvaluationId, Limit, Reading, TheHub
+from server import episodes, evaluations, followers, lifecycle, quotas
+from server.access import Principal, Router, Scope, needs
+from server.deps import Cursor, EvaluationId, Limit, Reading, TheHub, ThePrincipal
 from server.hub import Hub
 from server.problems import invalid, of_exception, of_validation
 from server.schemas import (
@@ -23,7 +24,7 @@ from server.schemas import (
 )
 from server.states import EvaluationState
 
-router = APIRouter(tags=["evaluations"])
+router = Router(tags=["evaluations"])
 LAST_EVENT = 2**63 - 1  # what the ledger can number
 IdempotencyKey = Annotated[
     str | None,
@@ -32,29 +33,37 @@ IdempotencyKey = Annotated[
 
 
 @router.post("/evaluations", status_code=202)
+@needs(Scope.SUBMIT)
 def create_evaluation(
     wanted: EvaluationCreate,
     hub: TheHub,
+    principal: ThePrincipal,
     response: Response,
     idempotency_key: IdempotencyKey = None,
 ) -> EvaluationPublic:
     """Queues an evaluation."""
-    created = _create(hub, wanted, idempotency_key)
+    created = _create(hub, principal, wanted, idempotency_key)
     response.headers["Location"] = f"/api/v1/evaluations/{created.id}"
     return created
 
 
-def _create(hub: Hub, wanted: EvaluationCreate, key: str | None = None) -> EvaluationPublic:
+def _create(
+    hub: Hub, principal: Principal, wanted: EvaluationCreate, key: str | None = None
+) -> EvaluationPublic:
+    if wanted.priority > 0 and not principal.may(Scope.MAINTAIN):
+        raise invalid("priority", "is above 0, which is for maintainers")
     with hub.database.writing() as session:
-        row = evaluations.create(session, wanted, key)
+        row = evaluations.create(session, wanted, key, owner=principal.user)
         session.flush()
+        quotas.require_evaluation(session, principal, hub.settings)
         stands = evaluations.public(session, row)
     hub.bell.reconciler.set()
     return stands
 
 
 @router.post("/batches", status_code=202)
-def create_batch(wanted: BatchCreate, hub: TheHub) -> Batch:
+@needs(Scope.SUBMIT)
+def create_batch(wanted: BatchCreate, hub: TheHub, principal: ThePrincipal) -> Batch:
     """Queues many evaluations; one that cannot be does not hinder the others."""
     items: list[dict[str, Any]] = list(wanted.items)
     if wanted.matrix:
@@ -62,12 +71,12 @@ def create_batch(wanted: BatchCreate, hub: TheHub) -> Batch:
         items += [{"policy": policy, **shared} for policy in wanted.matrix.policies]
     if not items:
         raise invalid("items", "is empty; list evaluations, or give a matrix")
-    return Batch(items=[_item(hub, item) for item in items])
+    return Batch(items=[_item(hub, principal, item) for item in items])
 
 
-def _item(hub: Hub, item: dict[str, Any]) -> BatchItem:
+def _item(hub: Hub, principal: Principal, item: dict[str, Any]) -> BatchItem:
     try:
-        created = _create(hub, EvaluationCreate.model_validate(item))
+        created = _create(hub, principal, EvaluationCreate.model_validate(item))
     except ValidationError as error:
         problem = of_validation(error.errors())
     except Exception as error:  # what is queued already must be told, whatever happens to the rest
@@ -78,6 +87,7 @@ def _item(hub: Hub, item: dict[str, Any]) -> BatchItem:
 
 
 @router.get("/evaluations")
+@needs(Scope.READ)
 def list_evaluations(
     session: Reading,
     state: EvaluationState | None = None,
@@ -90,28 +100,33 @@ def list_evaluations(
 
 
 @router.get("/evaluations/{evaluation}")
+@needs(Scope.READ)
 def get_evaluation(evaluation: str, session: Reading) -> EvaluationPublic:
     """One evaluation with its progress and its rates so far."""
     return evaluations.get(session, evaluation)
 
 
 @router.get("/evaluations/{evaluation}/attempts")
+@needs(Scope.READ)
 def list_attempts(evaluation: str, session: Reading) -> list[AttemptPublic]:
     """Every try at one of its shards, the newest first."""
     return evaluations.attempts(session, evaluation)
 
 
 @router.get("/evaluations/{evaluation}/failures")
+@needs(Scope.READ)
 def count_failures(evaluation: EvaluationId, session: Reading) -> list[FailureGroup]:
     """How many episodes failed in which way."""
     return episodes.failure_groups(session, evaluation=evaluation)
 
 
 @router.post("/evaluations/{evaluation}/cancellation", status_code=202)
-def cancel_evaluation(evaluation: str, hub: TheHub) -> EvaluationPublic:
-    """Stops an evaluation; what is final stays."""
+@needs(Scope.SUBMIT)
+def cancel_evaluation(evaluation: str, hub: TheHub, principal: ThePrincipal) -> EvaluationPublic:
+    """Stops an evaluation of one's own; what is final stays."""
     with hub.database.writing() as session:
         row = evaluations.row(session, evaluation)
+        principal.require_own(row.owner_id, f"Evaluation {row.id}")
         lifecycle.cancel(session, row)
         session.flush()
         stands = evaluations.public(session, row)
@@ -120,10 +135,12 @@ def cancel_evaluation(evaluation: str, hub: TheHub) -> EvaluationPublic:
 
 
 @router.post("/evaluations/{evaluation}/resumption", status_code=202)
-def resume_evaluation(evaluation: str, hub: TheHub) -> EvaluationPublic:
+@needs(Scope.SUBMIT)
+def resume_evaluation(evaluation: str, hub: TheHub, principal: ThePrincipal) -> EvaluationPublic:
     """Plays what an incomplete evaluation lacks; final episodes stay as they are."""
     with hub.database.writing() as session:
         row = evaluations.row(session, evaluation)
+        principal.require_own(row.owner_id, f"Evaluation {row.id}")
         lifecycle.resume(session, row, evaluations.current_sources())
         session.flush()
         stands = evaluations.public(session, row)
@@ -132,6 +149,7 @@ def resume_evaluation(evaluation: str, hub: TheHub) -> EvaluationPublic:
 
 
 @router.get("/evaluations/{evaluation}/events", response_class=EventSourceResponse)
+@needs(Scope.READ)
 async def follow_evaluation(
     evaluation: EvaluationId,
     hub: TheHub,

@@ -1,25 +1,28 @@
 """Whether the server lives, and whether it can do its work."""
 
-from fastapi import APIRouter, Response
+from fastapi import Response
 from sqlalchemy import func, select
 
 from hide_tasks import suite
 from hide_tasks.machine import installed
+from server.access import Gate, Router, needs
 from server.deps import Reading, TheHub
 from server.models import Attempt, Shard
 from server.schemas import Health
 from server.states import AttemptState, ShardState
 
-router = APIRouter(tags=["health"])
+router = Router(tags=["health"])
 
 
 @router.get("/health/live")
+@needs(Gate.PUBLIC)
 def is_alive() -> dict[str, str]:
     """The process answers."""
     return {"status": "ok"}
 
 
 @router.get("/health/ready", responses={503: {"model": Health}})
+@needs(Gate.PUBLIC)
 def is_ready(hub: TheHub, session: Reading, response: Response) -> Health:
     """The ledger, the disk and the workers are in order; 503 if one is not."""
     running = select(func.count()).where(Attempt.state == AttemptState.OPEN)
@@ -39,6 +42,7 @@ def is_ready(hub: TheHub, session: Reading, response: Response) -> Health:
 
 
 @router.get("/version")
+@needs(Gate.PUBLIC)
 def get_version() -> dict[str, str]:
     """The versions of the software and of the suite."""
     version = installed("hide-seek") or "not installed"

@@ -3,11 +3,12 @@
 import asyncio
 import logging
 
-from fastapi import APIRouter, Request, Response
+from fastapi import Request, Response
 from fastapi.responses import FileResponse
 from starlette.requests import ClientDisconnect
 
 from server import blobs, lifecycle
+from server.access import Gate, Router, needs
 from server.commit import commit
 from server.deps import AttemptId, TheHub, assigned
 from server.growing import TooLarge
@@ -17,11 +18,12 @@ from server.problems import Problem, not_found
 from workers.protocol import Committed, EpisodeCommit, Fault, Stored
 
 logger = logging.getLogger(__name__)
-router = APIRouter(prefix="/attempts/{attempt}")
+router = Router(prefix="/attempts/{attempt}")
 EPISODE = "/episodes/{episode}"
 
 
 @router.post(EPISODE + "/start", status_code=204)
+@needs(Gate.WORKER)
 def start(attempt: AttemptId, episode: str, hub: TheHub) -> Response:
     """The worker begins to play an episode."""
     with hub.database.writing() as session:
@@ -30,6 +32,7 @@ def start(attempt: AttemptId, episode: str, hub: TheHub) -> Response:
 
 
 @router.put(EPISODE + "/recording")
+@needs(Gate.WORKER)
 async def receive_recording(
     attempt: AttemptId, episode: str, request: Request, hub: TheHub
 ) -> Stored:
@@ -63,6 +66,7 @@ def _require_playing(hub: Hub, attempt: str, episode: str) -> None:
 
 
 @router.put(EPISODE + "/result")
+@needs(Gate.WORKER)
 def receive_result(attempt: AttemptId, episode: str, what: EpisodeCommit, hub: TheHub) -> Committed:
     """A finished episode; the same one twice is fine."""
     with hub.database.writing() as session:
@@ -75,6 +79,7 @@ def receive_result(attempt: AttemptId, episode: str, what: EpisodeCommit, hub: T
 
 
 @router.post(EPISODE + "/fault", status_code=204)
+@needs(Gate.WORKER)
 def receive_fault(attempt: AttemptId, episode: str, fault: Fault, hub: TheHub) -> Response:
     """The episode could not be played; the attempt goes on with its others."""
     with hub.database.writing() as session:
@@ -85,6 +90,7 @@ def receive_fault(attempt: AttemptId, episode: str, fault: Fault, hub: TheHub) -
 
 
 @router.get("/checkpoint")
+@needs(Gate.WORKER)
 def give_checkpoint(attempt: AttemptId, hub: TheHub) -> FileResponse:
     """The file of the policy that the attempt plays."""
     with hub.database.reading() as session:

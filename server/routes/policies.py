@@ -3,30 +3,35 @@
 import asyncio
 from typing import Annotated
 
-from fastapi import APIRouter, Header, Query, Request, Response
+from fastapi import Header, Query, Request, Response
 from starlette.requests import ClientDisconnect
 
-from server import checkpoints, policies
+from server import checkpoints, policies, quotas
+from server.access import Principal, Router, Scope, needs
 from server.checkpoints import Received
-from server.deps import Reading, TheHub
+from server.deps import Reading, TheHub, ThePrincipal
 from server.hub import Hub
 from server.problems import Problem, invalid
 from server.schemas import Description, PolicyCreate, PolicyName, PolicyVersionPublic
 from workers.policies import BadPolicy, Hosted, Surroundings
 from workers.protocol import PythonPolicy
 
-router = APIRouter(prefix="/policies", tags=["policies"])
+router = Router(prefix="/policies", tags=["policies"])
 CHECK_LIMIT = 60.0  # s for importing and constructing a class
 
 
 @router.get("")
+@needs(Scope.READ)
 def list_policies(session: Reading) -> list[PolicyVersionPublic]:
     """Every version of every policy."""
     return policies.versions(session)
 
 
 @router.post("", status_code=201)
-def register_policy(wanted: PolicyCreate, hub: TheHub, response: Response) -> PolicyVersionPublic:
+@needs(Scope.SUBMIT)
+def register_policy(
+    wanted: PolicyCreate, hub: TheHub, principal: ThePrincipal, response: Response
+) -> PolicyVersionPublic:
     """A new policy, or the next version of one. It never changes afterwards."""
     if isinstance(wanted.spec, PythonPolicy) and not hub.settings.allow_python:
         raise Problem(
@@ -35,12 +40,22 @@ def register_policy(wanted: PolicyCreate, hub: TheHub, response: Response) -> Po
             "A class of this machine runs with the server's rights; it is taken only by a server "
             "that was started with --allow-python.",
         )
+    if isinstance(wanted.spec, PythonPolicy) and not principal.may(Scope.ADMIN):
+        raise Problem(403, "python_not_allowed", "Only an administrator may name Python classes.")
+    with hub.database.reading() as session:
+        policies.require_own(session, wanted.name, principal)
     if isinstance(wanted.spec, PythonPolicy):
         _require_loads(wanted.spec)
         known = wanted.spec.model_copy(update={"sha256": wanted.spec.file_hash()})
         wanted = wanted.model_copy(update={"spec": known})
     with hub.database.writing() as session:
-        row = policies.register(session, wanted.name, wanted.spec, description=wanted.description)
+        row = policies.register(
+            session,
+            wanted.name,
+            wanted.spec,
+            description=wanted.description,
+            principal=principal,
+        )
         version = policies.public(row)
     response.headers["Location"] = f"/api/v1/policies/{version.id}"
     return version
@@ -63,17 +78,21 @@ RAW = {"required": True, "content": {"application/octet-stream": {"schema": {"fo
     responses={200: {"model": PolicyVersionPublic, "description": "It was there before."}},
     openapi_extra={"requestBody": RAW},
 )
+@needs(Scope.SUBMIT)
 async def upload_checkpoint(
     name: Annotated[PolicyName, Query()],
     request: Request,
     hub: TheHub,
+    principal: ThePrincipal,
     response: Response,
     description: Annotated[Description, Query()] = "",
     content_length: Annotated[int | None, Header(include_in_schema=False)] = None,
     content_type: Annotated[str, Header(include_in_schema=False)] = "",
 ) -> PolicyVersionPublic:
     """A checkpoint as a policy's next version; the body is the file. It is loaded once first."""
-    policies.require_free(name)
+    with hub.database.reading() as session:
+        policies.require_own(session, name, principal)
+        quotas.require_room(session, principal, hub.settings, content_length or 0)
     checkpoints.require_torch()
     if content_type.startswith("multipart/"):
         raise Problem(415, "not_raw", "Send the file itself as the body, not a form.")
@@ -87,28 +106,40 @@ async def upload_checkpoint(
         except ClientDisconnect:
             raise Problem(400, "broken_off", "The checkpoint broke off.") from None
         async with hub.loading:
-            version, new = await asyncio.to_thread(_taken, hub, received, name, description)
+            version, new = await asyncio.to_thread(
+                taken, hub, principal, received, name, description
+            )
     response.status_code = 201 if new else 200
     response.headers["Location"] = f"/api/v1/policies/{version.id}"
     return version
 
 
-def _taken(
-    hub: Hub, received: Received, name: str, description: str
+def taken(
+    hub: Hub, principal: Principal, received: Received, name: str, description: str
 ) -> tuple[PolicyVersionPublic, bool]:
     """The version that plays this file, and whether it is a new one."""
     model = checkpoints.header_of(received).config.name
     with hub.database.reading() as session:
         if there := checkpoints.known(session, name, received.sha256):
             return policies.public(there), False
+        quotas.require_room(session, principal, hub.settings, received.size)
     checkpoints.require_loads(received)
     hub.blobs.take(received.path, received.sha256)
     with hub.database.writing() as session:
-        row = checkpoints.keep(session, received, name=name, description=description, model=model)
+        row = checkpoints.keep(
+            session,
+            received,
+            name=name,
+            description=description,
+            model=model,
+            principal=principal,
+        )
+        quotas.require_room(session, principal, hub.settings, 0)
         return policies.public(row), True
 
 
 @router.get("/{policy}")
+@needs(Scope.READ)
 def get_policy(policy: str, session: Reading) -> PolicyVersionPublic:
     """One version, by id, name (the newest) or name@version."""
     try:

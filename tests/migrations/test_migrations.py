@@ -11,7 +11,8 @@ from sqlalchemy import inspect, text
 from sqlalchemy.exc import IntegrityError, OperationalError
 
 from hide_tasks.contract import Failure
-from server import lifecycle, policies
+from server import audit, credentials, lifecycle, policies, uploads, users
+from server.access import Scope
 from server.blobs import Blobs
 from server.commit import commit
 from server.db import Database, examine, known_revisions, migrate, migrations
@@ -52,6 +53,12 @@ def fill(database: Database, folder: Path) -> None:
         attempt = session.query(Attempt).filter_by(shard_id=episode.shard_id).one()
         other = ledgers.result_of(lifecycle.spec_of(episode), Failure.OVERCOUNT)
         commit(session, store, attempt, episode, other)
+        owner = users.register_owner(session)
+        credentials.create_token(session, owner, "test", [Scope.READ])
+        credentials.sign_in(session, owner)
+        wanted = {"length": 7, "name": "mine", "description": "", "sha256": None}
+        uploads.create(session, owner.id, **wanted)
+        audit.note(session, "test", "", principal=None)
 
 
 def test_up_from_nothing_equals_the_models(database: Database) -> None:

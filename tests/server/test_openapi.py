@@ -22,7 +22,8 @@ CONFORMANCE = CHECKS.get_by_names(
         "response_schema_conformance",
     ]
 )
-LEFT_OUT = "/events$"  # a stream of events is no document
+# A stream of events is no document, and tus has a media type of its own.
+LEFT_OUT = "/events$|/uploads"
 Server = tuple[str, dict[str, list[str]]]
 
 
@@ -40,6 +41,8 @@ def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
                 "episode": episodes,
                 "policy": ["expert", "noop@1"],
                 "task": ["search_drawer"],
+                "token": ["01arz3ndektsv4rrffq69g5fav"],
+                "user": ["owner"],
             },
         )
 

@@ -53,6 +53,18 @@ def test_an_address_that_others_reach(capfd, tmp_path: Path) -> None:
     assert not (tmp_path / "data").exists()
 
 
+@pytest.mark.parametrize(
+    "options", [("--host", "192.0.2.7"), ("--public-url", "https://lab.example.org")]
+)
+def test_an_address_that_others_reach_and_nobody_guards(
+    capfd, tmp_path: Path, options: tuple[str, str]
+) -> None:
+    line = refused(capfd, "--data", tmp_path / "data", *options, "--no-token")
+
+    assert options[1] in line and "--auth users" in line
+    assert not (tmp_path / "data").exists()
+
+
 def test_a_data_folder_that_is_a_file(capfd, tmp_path: Path) -> None:
     data = tmp_path / "data"
     data.write_text("a letter")
@@ -114,7 +126,15 @@ def test_another_programs_database(capfd, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("variable", "value"),
-    [("PORT", "eighty"), ("WORKERS", "-1"), ("ALLOW_PYTHON", "perhaps"), ("EPISODE_LIMIT", "0")],
+    [
+        ("PORT", "eighty"),
+        ("WORKERS", "-1"),
+        ("ALLOW_PYTHON", "perhaps"),
+        ("EPISODE_LIMIT", "0"),
+        ("AUTH", "nobody"),
+        ("RATE", "fast"),
+        ("PUBLIC_URL", "lab.example.org"),
+    ],
 )
 def test_a_wrong_environment_variable(
     capfd, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, variable: str, value: str

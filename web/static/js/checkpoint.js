@@ -1,5 +1,5 @@
 /** The form that uploads a checkpoint: the file is sent as it is, then chosen in the other form. */
-import { problemIn, Refused } from "./api.js";
+import { ownPage, problemIn, Refused } from "./api.js";
 
 const form = /** @type {HTMLFormElement} */ (document.getElementById("upload"));
 const send = /** @type {HTMLButtonElement} */ (form.querySelector("[type=submit]"));
@@ -68,6 +68,7 @@ function upload(address, file) {
   underWay = request;
   request.open("POST", address);
   request.setRequestHeader("Content-Type", "application/octet-stream");
+  for (const [name, value] of Object.entries(ownPage())) request.setRequestHeader(name, value);
   request.upload.addEventListener("progress", (event) => tell(event.loaded, file.size));
   request.upload.addEventListener("load", () => tellChecking());
   return new Promise((resolve, reject) => {
