@@ -3,7 +3,7 @@
 import asyncio
 import shutil
 from dataclasses import dataclass, field
-from functools import partial
+from functools import cached_property, partial
 
 from server import evaluations, first_run, jobs, lifecycle, policies
 from server.bell import Bell
@@ -14,6 +14,8 @@ from server.growing import GrowingRecordings
 from server.reconciler import Reconciler
 from server.settings import Settings
 from workers.engines.engine import Engine
+from workers.policies import Surroundings
+from workers.sandbox.choice import Sandbox, chosen
 
 WORKERS_LOG = "workers.log"
 RESERVE = 500 * 2**20  # bytes of disk below which nothing more is handed out
@@ -57,6 +59,19 @@ class Hub:
         host = "127.0.0.1" if self.settings.host == "localhost" else self.settings.host
         return f"http://{f'[{host}]' if ':' in host else host}:{self.settings.port}"
 
+    @cached_property
+    def sandbox(self) -> Sandbox:
+        """What is around the processes of policies on this machine.
+
+        Raises:
+            NoSandbox: the one that the settings ask for cannot be had.
+        """
+        return chosen(self.settings.sandbox)
+
+    def surroundings(self, timeout: float = Surroundings.timeout) -> Surroundings:
+        """For a policy's process that the server starts itself, to try a policy."""
+        return Surroundings(timeout, sandbox=self.sandbox, hidden=(self.folder.path.absolute(),))
+
     def start(self) -> None:
         """Takes up what was left, and begins to hand out work; the event loop is running."""
         self.bell.attach()
@@ -92,6 +107,8 @@ class Hub:
                 server=self.address,
                 episode_limit=self.settings.episode_limit,
                 allow_python=self.settings.allow_python,
+                sandbox=self.sandbox,
+                hidden=(self.folder.path.absolute(),),
             ),
             may_hand_out=self.has_room,
         )

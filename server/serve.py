@@ -12,7 +12,9 @@ from fastapi import FastAPI
 from server.arguments import BadUsage
 from server.data_folder import DataFolderError
 from server.db import LedgerError
-from server.settings import LOOPBACK, Settings
+from server.exposure import authenticates, require_safe
+from server.settings import Settings
+from workers.sandbox.choice import NoSandbox, chosen
 
 BACKLOG = 128
 GRACE = 3  # s that open requests have when the server stops
@@ -25,13 +27,14 @@ def serve(settings: Settings, ready: Callable[[str], None] = lambda _: None) -> 
         ready: told the address once the server answers.
 
     Raises:
-        BadUsage: the address or the data folder cannot be used; nothing was touched.
+        BadUsage: the address, the sandbox or the data folder cannot be used; nothing was touched.
     """
-    if settings.host not in LOOPBACK:
-        raise BadUsage(
-            f"--host {settings.host}: without log-in the server listens on this machine alone; "
-            "use 127.0.0.1 and reach it through an SSH tunnel."
-        )
+    try:
+        sandbox = chosen(settings.sandbox)
+    except NoSandbox as error:
+        raise BadUsage(str(error)) from None
+    require_safe(settings.host, authentication=authenticates(settings), sandbox=sandbox)
+    settings = settings.model_copy(update={"sandbox": sandbox.value})
     with _bound(settings.host, settings.port) as listening:
         settings = settings.model_copy(update={"port": listening.getsockname()[1]})
         app = _application(settings)
