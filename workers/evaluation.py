@@ -111,10 +111,14 @@ def evaluate(
     workers = workers or count_cpus()
     watcher = watcher or Watcher()
     jobs = _jobs(evaluation, path, workers)
-    _tell_sandbox(jobs, watcher)
-    wanted = evaluation.results.model_copy(update={"checkpoint": _checkpoint(jobs)})
+    sandboxes = _sandboxes(jobs)
+    wanted = evaluation.results.model_copy(
+        update={"checkpoint": _checkpoint(jobs), "sandboxes": sandboxes}
+    )
     with RunFolder.opened(path, wanted) as folder:
         left = [job for job in jobs if _key(job.spec) not in folder.results.finished]
+        for sandbox in sandboxes if left else []:
+            watcher.closed(sandbox)
         watcher.begun(folder, len(left))
         if evaluation.recordings:
             _write_layout(folder)
@@ -166,11 +170,10 @@ def _jobs(evaluation: Evaluation, path: Path, workers: int) -> list[EpisodeJob]:
     return jobs
 
 
-def _tell_sandbox(jobs: Sequence[EpisodeJob], watcher: Watcher) -> None:
-    """Tells of it if there is one around what all of them play."""
-    hosted = (job.policy for job in jobs if isinstance(job.policy, policies.Hosted))
-    if (policy := next(hosted, None)) and policy.surroundings.sandbox:
-        watcher.closed(policy.surroundings.sandbox)
+def _sandboxes(jobs: Sequence[EpisodeJob]) -> list[Sandbox]:
+    """What is around the policy's process, if it has one."""
+    hosted = [job.policy for job in jobs if isinstance(job.policy, policies.Hosted)]
+    return sorted({one.surroundings.sandbox for one in hosted if one.surroundings.sandbox})
 
 
 def _checkpoint(jobs: Sequence[EpisodeJob]) -> str | None:

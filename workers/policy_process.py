@@ -22,7 +22,7 @@ from workers.sandbox.choice import Sandbox, chosen
 from workers.sandbox.launch import Launch, launch
 from workers.sandbox.view import View, of_checkpoint, of_class
 
-START_LIMIT = 60.0  # s until it is closed by its sandbox and has imported what serves
+START_LIMIT = 120.0  # s until it is closed by its sandbox and has imported what serves
 LOAD_LIMIT = 600.0  # s for importing and constructing a policy: weights may be large
 LONGEST_MESSAGE = 500  # characters of an error that are kept
 
@@ -69,6 +69,7 @@ class PolicyProcess:
         self.killed: str | None = None
         self._belief: Belief | None = None
         self._process: subprocess.Popen[bytes] | None = None
+        self._loaded = False
         self._launch: Launch
         self._connection: socket.socket
 
@@ -168,8 +169,7 @@ class PolicyProcess:
             start.end()
             raise
         finally:
-            for descriptor in start.descriptors:
-                os.close(descriptor)
+            start.passed_on()
         assert process.stdin is not None
         with contextlib.suppress(BrokenPipeError), process.stdin:
             process.stdin.write(start.tells)

@@ -1,8 +1,8 @@
 """The process in which episodes are simulated; started as `python -m workers.simulator_host FD`.
 
 It is told {"play": Play} or {"rest": {}}, which ends the policy's process. Of an episode it tells
-{"decided": n} as it goes on, then {"played": EpisodeCommit}, {"failed": reason} or, if a signal ended
-the policy's process, {"died": signal}. It ends at once with the process that started it.
+{"decided": n} as it goes on, then {"played": EpisodeCommit}, {"failed": reason} or, if a signal
+ended the policy's process, {"died": signal}. It ends at once with the process that started it.
 """
 
 import os

@@ -24,7 +24,7 @@ from hide_tasks.contract import (
 from tests.workers.sandbox.usable import usable
 from workers.policy_process import PolicyProcess
 from workers.sandbox.choice import Sandbox
-from workers.simulator_process import descendants
+from workers.simulator_process import descendants  # noqa: F401  (the program below has it)
 
 POLICIES = "tests.workers.some_policies"
 

@@ -25,7 +25,7 @@ KILLED_FIRST = "1000"  # proc(5), oom_score_adj
 class Confinement:
     """What is left to a process."""
 
-    limits: Limits = Limits()
+    limits: Limits
     landlock: bool = False  # hold it to the paths below; otherwise something else does
     readable: tuple[str, ...] = ()
     writable: tuple[str, ...] = ()

@@ -19,9 +19,8 @@ SCRATCH = "hide-worker-"  # then the process's id: begins the names of folders f
 HOST = "workers.policy_host"
 KEPT = ("PATH", "LANG", "LC_ALL", "LC_CTYPE", "TZ", "CUDA_VISIBLE_DEVICES", *THREAD_LIMITS)
 NOBODY = "policy"  # who a closed process believes to be
-# What calculating libraries look at; and the accelerators, should there be any.
-MACHINE = ("/usr", "/bin", "/lib", "/lib64", "/etc/ld.so.cache", "/sys/devices/system")
-PROC = ("/proc/cpuinfo", "/proc/meminfo", "/proc/stat", "/proc/sys/vm/overcommit_memory")
+# What calculating libraries look at, and the accelerators, should there be any.
+PROC = ("/proc/cpuinfo", "/proc/meminfo", "/proc/stat", "/proc/driver/nvidia")
 DEVICES = ("/dev/null", "/dev/zero", "/dev/random", "/dev/urandom")
 ACCELERATORS = "nvidia*"
 
@@ -36,6 +35,11 @@ class Launch:
     descriptors: list[int] = field(default_factory=list)  # passed on, then closed here
     scratch: Path | None = None
     folder: Path | None = None  # where it starts; None: here
+
+    def passed_on(self) -> None:
+        """Closes the descriptors here; the process has its own, if it was started."""
+        while self.descriptors:
+            os.close(self.descriptors.pop())
 
     def end(self) -> None:
         """Removes the process's folder."""
@@ -74,9 +78,9 @@ def _wrapped(connection: int, view: View, threads: int | None, host: str) -> Lau
     options = bubblewrap.options(view, limits, accelerators(), Path.cwd())
     told = _in_memory("\0".join(options).encode())
     to = Confinement(limits, search=_strings((bubblewrap.CODE, *view.search)))
+    wrapped = [bubblewrap.program() or bubblewrap.PROGRAM, "--args", str(told), "--"]
     return Launch(
-        [bubblewrap.program() or bubblewrap.PROGRAM, "--args", str(told), "--"]
-        + _command(host, connection),
+        wrapped + _command(host, connection),
         _environment(bubblewrap.CODE, bubblewrap.SCRATCH, threads),
         to.to_json(),
         [told],
@@ -96,7 +100,9 @@ def _closed(connection: int, view: View, threads: int | None, host: str) -> Laun
         to = Confinement(
             Limits.of_environment(),
             landlock=True,
-            readable=_existing((*view.whole, *shown, *MACHINE, *PROC, links, *mirrors.values())),
+            readable=_existing(
+                (*view.whole, *shown, *bubblewrap.SYSTEM, *PROC, links, *mirrors.values())
+            ),
             writable=(str(temporary),),
             devices=_existing(devices),
             search=_strings((links, *(mirrors.get(path, path) for path in view.search)))

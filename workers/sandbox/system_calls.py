@@ -7,30 +7,25 @@ given, no shared memory that nobody counts, no hand on other processes, no way t
 import errno
 import os
 
-NEVER = (
-    # processes and programs
-    "fork vfork execve execveat unshare setns setsid setpgid "
-    # the network, and memory that other processes see
-    "socket io_uring_setup io_uring_enter io_uring_register memfd_create memfd_secret "
-    "shmget shmat msgget semget mq_open "
-    # other processes
-    "ptrace process_vm_readv process_vm_writev process_madvise process_mrelease kcmp tkill "
-    "pidfd_open pidfd_getfd pidfd_send_signal setpriority ioprio_set sched_setscheduler "
-    "sched_setparam sched_setattr migrate_pages move_pages "
-    # file systems
-    "mount umount2 pivot_root chroot open_tree move_mount fsopen fsconfig fsmount fspick "
-    "mount_setattr name_to_handle_at open_by_handle_at mknod mknodat fanotify_init quotactl "
-    "quotactl_fd swapon swapoff "
-    # the kernel
-    "bpf perf_event_open userfaultfd add_key request_key keyctl kexec_load kexec_file_load "
-    "init_module finit_module delete_module reboot acct syslog lookup_dcookie iopl ioperm "
-    "modify_ldt personality settimeofday clock_settime clock_adjtime adjtimex sethostname "
-    "setdomainname vhangup"
-).split()
-METADATA = (  # Landlock does not look at these
-    "chmod fchmod fchmodat fchmodat2 chown lchown fchown fchownat utime utimes utimensat futimesat "
-    "setxattr lsetxattr fsetxattr removexattr lremovexattr fremovexattr truncate"
-).split()
+NEVER = """
+fork vfork execve execveat unshare setns setsid setpgid
+socket io_uring_setup io_uring_enter io_uring_register memfd_create memfd_secret
+shmget shmat msgget semget mq_open
+ptrace process_vm_readv process_vm_writev process_madvise process_mrelease kcmp tkill
+pidfd_open pidfd_getfd pidfd_send_signal setpriority ioprio_set sched_setscheduler
+sched_setparam sched_setattr migrate_pages move_pages
+mount umount2 pivot_root chroot open_tree move_mount fsopen fsconfig fsmount fspick
+mount_setattr name_to_handle_at open_by_handle_at mknod mknodat fanotify_init quotactl
+quotactl_fd swapon swapoff
+bpf perf_event_open userfaultfd add_key request_key keyctl kexec_load kexec_file_load
+init_module finit_module delete_module reboot acct syslog lookup_dcookie iopl ioperm
+modify_ldt personality settimeofday clock_settime clock_adjtime adjtimex sethostname
+setdomainname vhangup
+"""
+METADATA = """
+chmod fchmod fchmodat fchmodat2 chown lchown fchown fchownat utime utimes utimensat futimesat
+setxattr lsetxattr fsetxattr removexattr lremovexattr fremovexattr truncate
+"""  # Landlock does not look at these
 TO_A_PROCESS = ("kill", "tgkill", "rt_sigqueueinfo", "rt_tgsigqueueinfo")  # the first argument
 
 CLONE_THREAD = 0x10000  # clone(2)
@@ -57,7 +52,7 @@ def close(*, metadata: bool) -> None:
     denied = ERRNO(errno.EPERM)
     rules = SyscallFilter(ALLOW)
     rules.set_attr(Attr.CTL_TSYNC, 1)
-    for name in (*NEVER, *(METADATA if metadata else ())):
+    for name in (NEVER + METADATA * metadata).split():
         if known(name):
             rules.add_rule(denied, name)
     rules.add_rule(ERRNO(errno.ENOSYS), "clone3")  # its flags cannot be seen; clone's can
@@ -67,9 +62,7 @@ def close(*, metadata: bool) -> None:
         rules.add_rule(denied, name, Arg(0, NE, os.getpid()))
     rules.add_rule(denied, "sched_setaffinity", Arg(0, NE, 0))
     rules.add_rule(denied, "prlimit64", Arg(0, NE, 0))
-    rules.add_rule(
-        denied, "prctl", Arg(0, MASKED_EQ, WORD, PR_SET_PDEATHSIG), Arg(1, NE, SIGKILL)
-    )
+    rules.add_rule(denied, "prctl", Arg(0, MASKED_EQ, WORD, PR_SET_PDEATHSIG), Arg(1, NE, SIGKILL))
     for call, commands in (
         ("fcntl", OWNER_OF_A_FILE),
         ("ioctl", OWNER_OF_A_SOCKET + TYPES_INTO_A_TERMINAL),
