@@ -1,4 +1,4 @@
-"""Measures what a sandbox costs: a start and a decision of a policy's process, beside the plain one.
+"""Measures what a sandbox costs a policy's process: a start, and a decision.
 
 Run it with: .venv/bin/python docs/measure_sandbox.py [STARTS] [DECISIONS]
 """

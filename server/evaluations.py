@@ -294,7 +294,7 @@ def _sandboxes(session: Session, evaluations: Iterable[str]) -> dict[str, list[s
     )
     found: dict[str, list[str]] = {}
     for evaluation, sandbox in session.execute(played.distinct().order_by(Episode.sandbox)):
-        found.setdefault(evaluation, []).append(sandbox)
+        found.setdefault(evaluation, []).append(str(sandbox))
     return found
 
 

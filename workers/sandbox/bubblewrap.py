@@ -43,8 +43,8 @@ def options(view: View, limits: Limits, devices: Sequence[Path], folder: Path) -
     """
     found = [*ALONE, "--size", str(limits.scratch), "--tmpfs", str(SCRATCH)]
     found += ["--proc", "/proc", "--dev", "/dev"]
-    for path in SYSTEM:
-        found += ["--ro-bind-try", path, path]
+    for name in SYSTEM:
+        found += ["--ro-bind-try", name, name]
     for device in devices:
         found += ["--dev-bind-try", str(device), str(device)]
     covered: list[Path] = []

@@ -10,6 +10,7 @@ import os
 import signal
 import socket
 import subprocess
+import sys
 import threading
 import time
 from pathlib import Path
@@ -34,18 +35,18 @@ def sends_to_an_abstract_socket(name: str) -> None:
 
 
 def reads(path: str) -> None:
-    Path(path).read_bytes()
+    assert Path(path).read_bytes(), "there is nothing in it"
 
 
 def lists(path: str) -> None:
-    assert os.listdir(path), "FileNotFoundError"
+    assert os.listdir(path), "there is nothing in it"
 
 
 def looks_for(path: str) -> None:
-    """Goes everywhere that it can see."""
-    name = Path(path).name
+    """Goes everywhere that it can see, but for the system and the interpreter, which are large."""
+    name, large = Path(path).name, {"/proc", "/sys", "/usr", sys.prefix, sys.base_prefix}
     for folder, folders, files in os.walk("/"):
-        if folder in ("/proc", "/sys"):
+        if folder in large:
             folders.clear()
         if name in files:
             (Path(folder) / name).read_bytes()
