@@ -22,8 +22,9 @@ from hide_tasks.contract import (
     parse_action,
 )
 from tests.workers.sandbox.usable import usable
-from workers.policy_process import PolicyProcess
+from workers.policy_process import NotStarted, PolicyProcess
 from workers.sandbox.choice import Sandbox
+from workers.sandbox.limits import MEMORY
 from workers.simulator_process import descendants  # noqa: F401  (the program below has it)
 
 POLICIES = "tests.workers.some_policies"
@@ -193,6 +194,21 @@ def test_a_policy_that_cannot_be_loaded(sandbox: Sandbox, target: str, message: 
         policy.load()
 
     assert str(raised.value) == message
+
+
+@pytest.mark.parametrize(
+    ("memory", "message"),
+    [("much", "expected a number of GiB"), ("0.001", "before it served; its sandbox was ")],
+)
+@pytest.mark.parametrize("closed", [Sandbox.BUBBLEWRAP, Sandbox.LANDLOCK])
+def test_a_process_that_cannot_start_is_no_failure_of_its_policy(
+    monkeypatch, closed: Sandbox, memory: str, message: str
+) -> None:
+    policy = PolicyProcess(f"{POLICIES}:Stays", timeout=20.0, sandbox=usable(closed))
+    monkeypatch.setenv(MEMORY, memory)
+
+    with pytest.raises(NotStarted, match=message):
+        policy.make_ready()
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="looks into /proc")

@@ -3,6 +3,7 @@
 Each answers with what came of it: "done", or the name of the exception.
 """
 
+import asyncio
 import ctypes
 import fcntl
 import mmap
@@ -11,9 +12,13 @@ import signal
 import socket
 import subprocess
 import sys
+import tempfile
 import threading
 import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+
+import numpy as np
 
 SYSTEM_CALLS = {"io_uring_setup": 425, "clone3": 435, "unshare": 272, "ptrace": 101, "mount": 165}
 FORKS = 200  # at most: a bomb that goes off must not take the machine with it
@@ -162,6 +167,18 @@ def kills_itself(_: str) -> None:
     os.kill(os.getpid(), signal.SIGKILL)
 
 
+def calculates(_: str) -> None:
+    """What honest policies do: threads, files of its own, a pair of sockets."""
+    with ThreadPoolExecutor(4) as pool:
+        sums = list(pool.map(lambda _: float(np.ones(300).dot(np.ones(300))), range(8)))
+    with tempfile.NamedTemporaryFile("w+") as file:
+        file.write("mine")
+        file.flush()
+        kept = Path(file.name).read_text()
+    slept = asyncio.run(asyncio.sleep(0, "slept"))
+    assert (sums, kept, slept) == ([300.0] * 8, "mine", "slept")
+
+
 class Hostile:
     """Does `instruction`: the name of a function above, then what it is done to."""
 
@@ -175,30 +192,6 @@ class Hostile:
         except (OSError, MemoryError, AssertionError) as error:
             return type(error).__name__
         return "done"
-
-
-class Honest:
-    """Does what calculating policies do: threads, files of its own, a pair of sockets."""
-
-    def reset(self, instruction, policy_seed):
-        pass
-
-    def act(self, observation):
-        import asyncio
-        import tempfile
-        from concurrent.futures import ThreadPoolExecutor
-
-        import numpy as np
-
-        with ThreadPoolExecutor(4) as pool:
-            sums = list(
-                pool.map(lambda _: float(np.ones((300, 300)).dot(np.ones(300))[0]), range(8))
-            )
-        with tempfile.NamedTemporaryFile("w+") as file:
-            file.write("mine")
-            file.flush()
-            kept = Path(file.name).read_text()
-        return {"sums": sums, "kept": kept, "slept": asyncio.run(asyncio.sleep(0, "slept"))}
 
 
 class KillsItself:
