@@ -24,6 +24,7 @@ from workers.sandbox.view import View, of_checkpoint, of_class
 
 START_LIMIT = 120.0  # s until it is closed by its sandbox and has imported what serves
 LOAD_LIMIT = 600.0  # s for importing and constructing a policy: weights may be large
+DEATH_LIMIT = 10.0  # s that a process whose connection is gone may take to end
 LONGEST_MESSAGE = 500  # characters of an error that are kept
 
 
@@ -223,7 +224,7 @@ class PolicyProcess:
     def _cause_of_death(self) -> str:
         assert self._process is not None
         try:
-            code = self._process.wait(timeout=5)
+            code = self._process.wait(timeout=DEATH_LIMIT)
         except subprocess.TimeoutExpired:
             return "the policy's process closed its connection"
         number = self._signal(code)
