@@ -20,7 +20,7 @@ from server.access import Principal
 from server.blobs import Blobs
 from server.models import Policy, PolicyVersion
 from server.problems import Problem, invalid
-from workers.policies import NO_TORCH, BadPolicy, Checkpoint, has_torch
+from workers.policies import NO_TORCH, BadPolicy, Checkpoint, Surroundings, has_torch
 from workers.protocol import CheckpointPolicy
 
 CHECK_LIMIT = 300.0  # s for importing torch, building the network and reading its weights
@@ -113,14 +113,14 @@ def header_of(received: Received) -> Header:
         raise invalid("body", f"is no checkpoint: {error}") from None
 
 
-def require_loads(received: Received) -> None:
+def require_loads(received: Received, surroundings: Surroundings) -> None:
     """Loads it once, in a process of its own: better now than in every episode.
 
     Raises:
         Problem: 422, it cannot be loaded, and what the first mismatch is.
     """
     try:
-        Checkpoint.of_file(received.path, received.sha256).check(CHECK_LIMIT)
+        Checkpoint.of_file(received.path, received.sha256, surroundings).check(CHECK_LIMIT)
     except BadPolicy as error:
         reason = str(error).removeprefix(f"{received.path.name} ")
         raise invalid("body", reason) from None

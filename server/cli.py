@@ -54,6 +54,14 @@ Tasks = Annotated[str, Option(help="Task names with commas between; default: all
 Workers = Annotated[
     int | None, Option(min=1, help="Episodes at a time; default: one per processor.")
 ]
+SandboxOption = Annotated[
+    str | None,
+    Option(
+        metavar="NAME",
+        help="Around the process of your own class or checkpoint: bubblewrap, landlock, none, or "
+        "best, which this machine has of them; default: best. hide doctor lists them.",
+    ),
+]
 AsJson = Annotated[bool, Option("--json", help="Print JSON instead of a table.")]
 
 
@@ -117,6 +125,7 @@ def evaluate(
             min=0.001, metavar="SECONDS", help="For one answer of your own class or checkpoint."
         ),
     ] = 60.0,
+    sandbox: SandboxOption = None,
 ) -> None:
     """Evaluate a policy without a server; with --out, an interrupted run resumes."""
     from server.run import run
@@ -131,6 +140,7 @@ def evaluate(
         rules=rules.value,
         recordings=recordings,
         policy_timeout=policy_timeout,
+        sandbox=sandbox,
     )
     results = run(evaluation, out or new_folder(policy), workers)
     show(results.model_dump(mode="json") if as_json else results_table(results))
@@ -247,6 +257,7 @@ def serve(
             help="Evaluate the built-in policies on first start; default: yes.",
         ),
     ] = None,
+    sandbox: SandboxOption = None,
 ) -> None:
     """Run the evaluation server: pages, API and workers. HIDE_SERVER_… variables are read too."""
     from server.serve import serve as run_server
@@ -261,6 +272,7 @@ def serve(
         "public_url": public_url,
         "allow_python": allow_python,
         "references": references,
+        "sandbox": sandbox,
     }
     logging.basicConfig(format="%(asctime)s %(levelname)s %(message)s")
     settings = settings_of(given)

@@ -146,5 +146,6 @@ def _finish(session: Session, store: Blobs, episode: Episode, what: EpisodeCommi
     episode.start = what.start.model_dump(mode="json")
     episode.timing = result.timing.model_dump(mode="json")
     episode.digest = what.digest
+    episode.sandbox = what.sandbox
     episode.committed = now()
     episode.state = EpisodeState.FINAL

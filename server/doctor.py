@@ -12,6 +12,7 @@ from pathlib import Path
 import hide_tasks
 from hide_tasks.machine import installed
 from workers.evaluation import count_cpus
+from workers.sandbox.choice import Sandbox, offers
 
 NEEDED = ("numpy", "numba", "pybullet", "pydantic", "msgpack", "pebble", "rerun-sdk", "typer")
 ROOM = 2 * 2**30  # bytes: the recordings of some evaluations
@@ -28,8 +29,8 @@ class Finding:
 
 
 def findings() -> list[Finding]:
-    """Everything that was looked at; takes no longer than a second."""
-    looks: list[Callable[[], Finding]] = [_python, _packages, _processors, _cache, _space]
+    """Everything that was looked at; takes a second or two."""
+    looks: list[Callable[[], Finding]] = [_python, _packages, _processors, _cache, _space, _sandbox]
     return [look() for look in looks]
 
 
@@ -61,6 +62,17 @@ def _cache() -> Finding:
             return Finding("kernel cache", True, found)
     except OSError as error:
         return Finding("kernel cache", False, f"{found}: {error.strerror}", remedy)
+
+
+def _sandbox() -> Finding:
+    """The best sandbox that works here, tried; and why the others do not."""
+    tried = [one for one in offers() if one.sandbox is not Sandbox.NONE]
+    usable = [one.sandbox.value for one in tried if not one.missing]
+    faults = [f"no {one.sandbox}: {one.missing}" for one in tried if one.missing]
+    taken = f"{usable[0]} is taken" if usable else "none: policies can do what you can"
+    also = [f"{', '.join(usable[1:])} would do as well"] if usable[1:] else []
+    remedy = "install bubblewrap, or use Linux 5.13 or newer with Landlock and libseccomp2"
+    return Finding("sandbox", bool(usable), "; ".join([taken, *also, *faults]), remedy)
 
 
 def _space() -> Finding:

@@ -268,11 +268,16 @@ def _per_minute(session: Session, evaluation: Evaluation) -> float | None:
 
 
 def _public_all(session: Session, rows: Sequence[Evaluation]) -> list[EvaluationPublic]:
-    counted = counts(session, [one.id for one in rows])
-    return [_public(session, one, counted.get(one.id, Counts())) for one in rows]
+    ids = [one.id for one in rows]
+    counted, closed = counts(session, ids), _sandboxes(session, ids)
+    return [
+        _public(session, one, counted.get(one.id, Counts()), closed.get(one.id, [])) for one in rows
+    ]
 
 
-def _public(session: Session, one: Evaluation, counted: Counts) -> EvaluationPublic:
+def _public(
+    session: Session, one: Evaluation, counted: Counts, sandboxes: list[str]
+) -> EvaluationPublic:
     version = one.policy_version
     fields: dict[str, Any] = {
         "policy": version.policy.name,
@@ -284,11 +289,23 @@ def _public(session: Session, one: Evaluation, counted: Counts) -> EvaluationPub
         "progress": progress(session, one, counted),
         "verdicts": verdicts(counted),
         "owner": one.owner and one.owner.name,
+        "sandboxes": sandboxes,
         "last_event": last_event(session, one.id),
     }
     same = "id state desired split rules tasks episodes priority recordings created started ended"
     fields |= {name: getattr(one, name) for name in same.split()}
     return EvaluationPublic.model_validate(fields)
+
+
+def _sandboxes(session: Session, evaluations: Iterable[str]) -> dict[str, list[str]]:
+    """What was around the policies' processes; nothing where there was none, or none is final."""
+    played = select(Episode.evaluation_id, Episode.sandbox).where(
+        Episode.evaluation_id.in_(list(evaluations)), Episode.sandbox.is_not(None)
+    )
+    found: dict[str, list[str]] = {}
+    for evaluation, sandbox in session.execute(played.distinct().order_by(Episode.sandbox)):
+        found.setdefault(evaluation, []).append(str(sandbox))
+    return found
 
 
 def _why_it_waits(session: Session, one: Evaluation) -> str | None:

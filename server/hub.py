@@ -4,7 +4,7 @@ import asyncio
 import logging
 import shutil
 from dataclasses import dataclass, field
-from functools import partial
+from functools import cached_property, partial
 
 from server import credentials, evaluations, first_run, jobs, lifecycle, policies, users
 from server.access import Principal, Role
@@ -17,6 +17,8 @@ from server.reconciler import Reconciler
 from server.settings import EVERY_ADDRESS, Settings
 from server.uploads import Uploads
 from workers.engines.engine import Engine
+from workers.policies import Surroundings
+from workers.sandbox.choice import Sandbox, chosen
 
 logger = logging.getLogger(__name__)
 WORKERS_LOG = "workers.log"
@@ -86,6 +88,19 @@ class Hub:
         address = self.settings.public_url or self.address
         return f"{address}/login?token={self.local_token}" if self.local_token else address
 
+    @cached_property
+    def sandbox(self) -> Sandbox:
+        """What is around the processes of policies on this machine.
+
+        Raises:
+            NoSandbox: the one that the settings ask for cannot be had.
+        """
+        return chosen(self.settings.sandbox)
+
+    def surroundings(self, timeout: float = Surroundings.timeout) -> Surroundings:
+        """For a policy's process that the server starts itself, to try a policy."""
+        return Surroundings(timeout, sandbox=self.sandbox, hidden=(self.folder.path.absolute(),))
+
     def start(self) -> None:
         """Takes up what was left, and begins to hand out work; the event loop is running."""
         self.bell.attach()
@@ -124,6 +139,8 @@ class Hub:
                 server=self.address,
                 episode_limit=self.settings.episode_limit,
                 allow_python=self.settings.allow_python,
+                sandbox=self.sandbox,
+                hidden=(self.folder.path.absolute(),),
             ),
             may_hand_out=self.has_room,
         )

@@ -1,6 +1,7 @@
 """What a worker is handed: a shard's episodes, its policy, its limits."""
 
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 from pydantic import TypeAdapter
@@ -22,6 +23,7 @@ from workers.protocol import (
     ReplayPolicy,
     ShardJob,
 )
+from workers.sandbox.choice import Sandbox
 
 _SPEC: TypeAdapter[PolicySpec] = TypeAdapter(PolicySpec)
 
@@ -38,6 +40,8 @@ def draft(
     server: str,
     episode_limit: float,
     allow_python: bool,
+    sandbox: Sandbox | None = None,
+    hidden: tuple[Path, ...] = (),
 ) -> ShardJob:
     """The job of a shard whose attempt and token are not known yet.
 
@@ -45,6 +49,8 @@ def draft(
         store: holds checkpoints.
         server: address under which workers reach this server.
         episode_limit: seconds of wall time for one episode, the policy's own answers apart.
+        sandbox: around the policy's process; None: the worker chooses.
+        hidden: folders of this machine that no policy may see.
 
     Raises:
         CannotPlay: its policy is a class of this machine that is not allowed, or has changed; or
@@ -69,6 +75,8 @@ def draft(
             "rules": evaluation.rules,
             "recordings": evaluation.recordings,
             "sources": evaluation.sources.get(shard.task),
+            "sandbox": sandbox,
+            "hidden": hidden,
             "episode_limit": _limit(policy, episodes, episode_limit),
             "episodes": [_assigned(session, policy, one) for one in episodes],
         }

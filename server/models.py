@@ -279,6 +279,7 @@ class Episode(Base):
     recording: Mapped[str | None] = mapped_column(ForeignKey("blobs.sha256"))
     thumbnail: Mapped[str | None] = mapped_column(ForeignKey("blobs.sha256"))
     committed: Mapped[datetime | None]
+    sandbox: Mapped[str | None] = mapped_column(Name)  # around the policy's process, if it had one
     shard: Mapped[Shard] = relationship(back_populates="episodes")
     evaluation: Mapped[Evaluation] = relationship(lazy="joined")
 

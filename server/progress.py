@@ -10,8 +10,15 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 from hide_tasks.contract import EpisodeResult, EpisodeSpec
 from workers.evaluation import WORKERS_LOG, Watcher
 from workers.run_folder import RunFolder
+from workers.sandbox.choice import Sandbox
 
 EVERY = 10.0  # s between two plain lines
+CLOSED = "without network, your files or further processes; --sandbox none opens it"
+WORDS = {
+    Sandbox.BUBBLEWRAP: f"The policy plays in a sandbox (bubblewrap), {CLOSED}.",
+    Sandbox.LANDLOCK: f"The policy plays in a sandbox (Landlock), {CLOSED}.",
+    Sandbox.NONE: "The policy plays without a sandbox: it can do what you can.",
+}
 
 
 class Reporter(Watcher):
@@ -22,6 +29,9 @@ class Reporter(Watcher):
         self.done = self.total = self.successes = 0
         self.began = monotonic()
         self.warned = False
+
+    def closed(self, sandbox: Sandbox) -> None:
+        self.say(WORDS[sandbox])
 
     def begun(self, folder: RunFolder, left: int) -> None:
         self.folder, self.total = folder.path, left

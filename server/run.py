@@ -17,6 +17,7 @@ from workers.evaluation import Evaluation, count_cpus, evaluate, missing
 from workers.policies import BadPolicy
 from workers.results import Results
 from workers.run_folder import FolderError
+from workers.sandbox.choice import NoSandbox
 
 
 def run(evaluation: Evaluation, folder: Path, workers: int | None = None) -> Results:
@@ -29,7 +30,7 @@ def run(evaluation: Evaluation, folder: Path, workers: int | None = None) -> Res
     with reporting() as reporter:
         try:
             results = evaluate(evaluation, folder, workers=workers, watcher=reporter)
-        except (BadPolicy, FolderError) as error:
+        except (BadPolicy, FolderError, NoSandbox) as error:
             raise BadUsage(str(error)) from None
         except KeyboardInterrupt:
             reporter.say(f"Stopped. The same command with --out {folder} resumes.")

@@ -24,6 +24,7 @@ from hide_tasks.statistics import Rate
 from server.access import Role, Scope
 from server.states import AttemptState, Desired, EpisodeState, EvaluationState
 from workers.protocol import NamedPolicy, PolicySpec
+from workers.sandbox.choice import Sandbox
 
 Item = TypeVar("Item")
 Verdict = Literal["success", "exact"]
@@ -183,6 +184,7 @@ class EvaluationPublic(BaseModel):
     progress: Progress
     verdicts: Verdicts  # over the final episodes
     owner: str | None  # name of a user; null: the server's own
+    sandboxes: list[Sandbox]  # that were around the policy's process, in its final episodes
     last_event: int  # the events after this number are not in here yet
 
 
@@ -242,6 +244,7 @@ class EpisodePublic(BaseModel):
     recording: str | None  # path of the .rrd; of a running episode it grows
     live: bool  # the recording is growing
     thumbnail: str | None  # path of a JPEG, 128 x 128
+    sandbox: Sandbox | None  # around the policy's process; null if it had none, or not final
 
 
 class EpisodeDetail(EpisodePublic):
@@ -478,6 +481,7 @@ class Health(BaseModel):
     status: Literal["ok", "degraded"]
     checks: dict[str, str]
     workers: int
+    sandbox: Sandbox  # around the processes of policies on the server's machine
     running: int  # attempts
     queued: int  # shards
 

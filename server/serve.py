@@ -2,7 +2,6 @@
 
 import errno
 import importlib
-import logging
 import socket
 from collections.abc import Callable
 from contextlib import suppress
@@ -13,9 +12,10 @@ from fastapi import FastAPI
 from server.arguments import BadUsage
 from server.data_folder import DataFolderError
 from server.db import LedgerError
-from server.settings import EVERY_ADDRESS, Settings
+from server.exposure import require_safe
+from server.settings import Settings
+from workers.sandbox.choice import NoSandbox, chosen
 
-logger = logging.getLogger(__name__)
 BACKLOG = 128
 GRACE = 3  # s that open requests have when the server stops
 
@@ -27,9 +27,14 @@ def serve(settings: Settings, ready: Callable[[str], None] = lambda _: None) -> 
         ready: told the address once the server answers.
 
     Raises:
-        BadUsage: the address or the data folder cannot be used; nothing was touched.
+        BadUsage: the address, the sandbox or the data folder cannot be used; nothing was touched.
     """
-    _require_safe(settings)
+    try:
+        sandbox = chosen(settings.sandbox)
+    except NoSandbox as error:
+        raise BadUsage(str(error)) from None
+    require_safe(settings, sandbox)
+    settings = settings.model_copy(update={"sandbox": sandbox.value})
     with _bound(settings.host, settings.port) as listening:
         settings = settings.model_copy(update={"port": listening.getsockname()[1]})
         app = _application(settings)
@@ -46,22 +51,6 @@ def serve(settings: Settings, ready: Callable[[str], None] = lambda _: None) -> 
         )
         with suppress(KeyboardInterrupt):  # uvicorn repeats it once everything is shut down
             server.run(sockets=[listening])
-
-
-def _require_safe(settings: Settings) -> None:
-    """Refuses an address beyond this machine that nobody guards."""
-    if settings.beyond and settings.is_open:
-        raise BadUsage(
-            f"--no-token: others may reach {settings.public_url or settings.host} and would be its "
-            "owner; leave it out, give --auth users, or use --host 127.0.0.1."
-        )
-    if settings.host in EVERY_ADDRESS and settings.public_url is None:
-        raise BadUsage(
-            f"--host {settings.host}: give --public-url, the address that people use, so that "
-            "pages of other names are refused; or listen on this machine alone, 127.0.0.1."
-        )
-    if settings.beyond and not settings.secure:
-        logger.warning("No TLS: passwords and tokens can be read on the way. See --public-url.")
 
 
 class _Server(uvicorn.Server):

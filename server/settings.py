@@ -8,6 +8,7 @@ from pydantic import AfterValidator, Field
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
 from workers.evaluation import count_cpus
+from workers.sandbox.choice import BEST
 
 LOOPBACK = ("127.0.0.1", "localhost", "::1")
 EVERY_ADDRESS = ("0.0.0.0", "::")
@@ -36,6 +37,7 @@ class Settings(BaseSettings):
     port: Annotated[int, Field(ge=0, le=65535)] = 8000  # 0: any that is free
     workers: Annotated[int, Field(ge=0, le=256)] = Field(default_factory=count_cpus)
     allow_python: bool = False  # may a client name a Python class of this machine as a policy?
+    sandbox: str = BEST  # around the process of a policy: best, bubblewrap, landlock or none
     references: bool = True  # evaluate the built-in policies on first start?
     checkpoint_limit: Annotated[int, Field(gt=0)] = 4 * 2**30  # bytes of an uploaded one
     # s of wall time for an episode; what a Python policy may take comes on top

@@ -15,8 +15,10 @@ from hide_tasks.sources import sources_hash
 from workers import policies
 from workers.engines.local import LocalEngine, Lost
 from workers.policy_process import LOAD_LIMIT
+from workers.protocol import DEATHS
 from workers.results import Results
 from workers.run_folder import RECORDINGS, RunFolder
+from workers.sandbox.choice import Sandbox, chosen
 from workers.simulator import EpisodeJob, play_episode
 
 EPISODE_LIMIT = 600.0  # s of wall time for everything but the policy's answers
@@ -36,6 +38,7 @@ class Evaluation:
     rules: Rules = "hide"
     recordings: bool = True
     policy_timeout: float = 60.0  # s for one answer of a policy in a process of its own
+    sandbox: str | None = None  # around that process; None: what the environment says, or the best
 
     @property
     def specs(self) -> list[EpisodeSpec]:
@@ -77,6 +80,9 @@ class Evaluation:
 class Watcher:
     """Whoever wants to know how an evaluation goes on; every method may be overridden."""
 
+    def closed(self, sandbox: Sandbox) -> None:
+        """The policy's process will have this around it."""
+
     def begun(self, folder: RunFolder, left: int) -> None:
         """The folder is open, so many episodes are left to play."""
 
@@ -99,14 +105,20 @@ def evaluate(
     Episodes that were lost three times are missing from it; another call tries them again.
 
     Raises:
-        UnknownTask, BadPolicy, FolderError: asked for what cannot be; nothing was played.
+        UnknownTask, BadPolicy, NoSandbox, FolderError: asked for what cannot be; nothing was
+            played.
     """
     workers = workers or count_cpus()
     watcher = watcher or Watcher()
     jobs = _jobs(evaluation, path, workers)
-    wanted = evaluation.results.model_copy(update={"checkpoint": _checkpoint(jobs)})
+    sandboxes = _sandboxes(jobs)
+    wanted = evaluation.results.model_copy(
+        update={"checkpoint": _checkpoint(jobs), "sandboxes": sandboxes}
+    )
     with RunFolder.opened(path, wanted) as folder:
         left = [job for job in jobs if _key(job.spec) not in folder.results.finished]
+        for sandbox in sandboxes if left else []:
+            watcher.closed(sandbox)
         watcher.begun(folder, len(left))
         if evaluation.recordings:
             _write_layout(folder)
@@ -143,8 +155,11 @@ def _jobs(evaluation: Evaluation, path: Path, workers: int) -> list[EpisodeJob]:
         timeout=evaluation.policy_timeout,
         log=path.absolute() / POLICY_LOG,
         threads=max(1, count_cpus() // workers),
+        hidden=(path.absolute(),),
     )
     policy = policies.parse(evaluation.policy, surroundings)
+    if isinstance(policy, policies.Hosted):
+        policy = policy.within(chosen(evaluation.sandbox))
     recordings = path.absolute() / RECORDINGS if evaluation.recordings else None
     jobs = [
         EpisodeJob(spec, policy.for_episode(spec), evaluation.policy, evaluation.rules, recordings)
@@ -153,6 +168,12 @@ def _jobs(evaluation: Evaluation, path: Path, workers: int) -> list[EpisodeJob]:
     if isinstance(policy, policies.Hosted):
         policy.check()
     return jobs
+
+
+def _sandboxes(jobs: Sequence[EpisodeJob]) -> list[Sandbox]:
+    """What is around the policy's process, if it has one."""
+    hosted = [job.policy for job in jobs if isinstance(job.policy, policies.Hosted)]
+    return sorted({one.surroundings.sandbox for one in hosted if one.surroundings.sandbox})
 
 
 def _checkpoint(jobs: Sequence[EpisodeJob]) -> str | None:
@@ -179,4 +200,4 @@ def _time_limit(job: EpisodeJob, budgets: dict[str, int]) -> float:
     if not isinstance(job.policy, policies.Hosted):
         return EPISODE_LIMIT
     answers = budgets[job.spec.task] + 1  # and the reset
-    return EPISODE_LIMIT + LOAD_LIMIT + answers * job.policy.surroundings.timeout
+    return DEATHS * (EPISODE_LIMIT + LOAD_LIMIT + answers * job.policy.surroundings.timeout)

@@ -7,12 +7,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib.util import find_spec
 from pathlib import Path
+from typing import Self
 
 from hide_tasks.contract import Action, EpisodeSpec, Policy, PolicyFailure
 from seek_model.checkpoint_header import BadCheckpoint, read_header
 from workers import run_folder
 from workers.policy_host import CHECKPOINT
-from workers.policy_process import LOAD_LIMIT, PolicyProcess
+from workers.policy_process import LOAD_LIMIT, NotStarted, PolicyProcess
+from workers.sandbox.choice import Sandbox
 
 BUILTIN = ("expert", "amnesiac", "random", "noop")
 ACCEPTED = (
@@ -36,6 +38,8 @@ class Surroundings:
     timeout: float = 60.0  # s for one answer
     log: Path | None = None  # takes what it prints
     threads: int | None = None  # for its numeric libraries
+    sandbox: Sandbox | None = None  # None: what the environment says, else the best
+    hidden: tuple[Path, ...] = ()  # folders that a class must not see
 
 
 class PolicyChoice(ABC):
@@ -110,6 +114,10 @@ class Hosted(PolicyChoice):
         """As messages name it."""
         return f"python:{self.target}"
 
+    def within(self, sandbox: Sandbox) -> Self:
+        """The same policy in a sandbox."""
+        return replace(self, surroundings=replace(self.surroundings, sandbox=sandbox))
+
     def check(self, limit: float = LOAD_LIMIT) -> None:
         """Loads the policy once, in at most so many seconds.
 
@@ -122,13 +130,20 @@ class Hosted(PolicyChoice):
         except PolicyFailure as error:
             reason = str(error).removeprefix(MISMATCH)
             raise BadPolicy(f"{self.text} cannot be loaded: {reason}") from None
+        except NotStarted as error:
+            raise BadPolicy(f"{self.text} cannot be tried: {error}") from None
         finally:
             policy.close()
 
     def make(self) -> PolicyProcess:
         where = self.surroundings
         return PolicyProcess(
-            self.target, timeout=where.timeout, log=where.log, threads=where.threads
+            self.target,
+            timeout=where.timeout,
+            log=where.log,
+            threads=where.threads,
+            sandbox=where.sandbox,
+            hidden=where.hidden,
         )
 
 

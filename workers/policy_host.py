@@ -1,4 +1,4 @@
-"""The process in which a researcher's policy lives; started as `python -m workers.policy_host FD`.
+"""The process in which a policy lives; started by `workers.sandbox.launch`, which may close it.
 
 It hears the instruction, an opaque seed and observations, and answers with actions. It knows
 neither episode nor task, and ends with the process that started it.
@@ -116,9 +116,10 @@ def plain(value: object) -> object:
 
 
 def serve(connection: socket.socket) -> None:
-    """Answers until the other side is gone."""
+    """Says that it is ready, and answers until the other side is gone."""
     host = Host()
     with contextlib.suppress(EOFError, ConnectionError):
+        wire.send(connection, {"ready": {}})
         while True:
             reply = host.answer(wire.receive(connection))
             try:

@@ -29,10 +29,12 @@ from hide_tasks.contract import (
     Rules,
     Start,
 )
+from workers.sandbox.choice import Sandbox
 
 INTERNAL = "/internal/v1"
 EPISODE_FINAL = "episode_final"
 SHARD_SIZE = 5  # episodes of one task
+DEATHS = 3  # of the policy's process, by a signal, in one episode: then they are its failure
 
 Sha256 = Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
 Timeout = Annotated[float, Field(gt=0, le=3600)]  # s for one answer
@@ -109,12 +111,15 @@ class ShardJob(_Message):
     recordings: bool = True
     sources: str | None = None  # hash of the code that must play it; None: whatever is there
     episode_limit: float  # s of wall time for one episode
+    sandbox: str | None = None  # around the policy's process; None: the worker chooses
+    hidden: tuple[Path, ...] = ()  # folders that no policy may see, on the server's machine
     episodes: tuple[AssignedEpisode, ...]
 
     @property
     def limit(self) -> float:
         """Seconds of wall time after which the whole attempt hangs."""
-        return 120.0 + self.episode_limit * len(self.episodes)
+        tries = DEATHS if isinstance(self.policy, HostedPolicy) else 1
+        return 120.0 + self.episode_limit * tries * len(self.episodes)
 
 
 class HiddenChange(_Message):
@@ -135,6 +140,7 @@ class EpisodeCommit(_Message):
     changes: tuple[HiddenChange, ...]  # the first is the start
     recording: str | None = None  # SHA-256 of the .rrd that was sent before
     thumbnail: Base64Bytes | None = None  # JPEG, what the front camera saw last
+    sandbox: Sandbox | None = None  # around the policy's process; None: it had no process
     digest: str  # measured_digest of the rest
 
 

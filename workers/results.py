@@ -8,6 +8,7 @@ from pydantic import BaseModel, ConfigDict
 from hide_tasks import ALL_TASKS
 from hide_tasks.contract import EpisodeResult, Rules, Split
 from hide_tasks.machine import fingerprint
+from workers.sandbox.choice import Sandbox
 
 
 class Results(BaseModel):
@@ -25,6 +26,7 @@ class Results(BaseModel):
     budgets: dict[str, int]  # decisions an episode may take, per task
     sources: dict[str, str] = {}  # per task, the code that its episodes were played by
     planned: dict[str, int]  # episodes asked for, per task: the first so many of the split
+    sandboxes: list[Sandbox] = []  # that were around the policy's process, if it had one
     machine: dict[str, str] = {}
     created: str = ""
     episodes: list[EpisodeResult] = []
@@ -60,6 +62,7 @@ class Results(BaseModel):
             "planned": planned,
             "budgets": {task: (self.budgets | wanted.budgets)[task] for task in planned},
             "sources": self.sources | wanted.sources,
+            "sandboxes": sorted({*self.sandboxes, *wanted.sandboxes}),
         }
         return self.model_copy(update=changes)
 

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 
 from hide_tasks.contract import DecisionRecord, EpisodeResult, EpisodeSpec, Policy, Rules
 from workers.policies import Hosted, PolicyChoice
-from workers.policy_process import PolicyProcess
+from workers.policy_process import PolicyDied, PolicyProcess
+from workers.protocol import DEATHS
 
 if TYPE_CHECKING:
     from hide_tasks.episode import Witness
@@ -36,8 +37,37 @@ class PlayedEpisode:
     decisions: list[DecisionRecord]
 
 
-def play_episode(
-    job: EpisodeJob, trace: "HiddenTrace | None" = None, witnesses: Sequence["Witness"] = ()
+def play_episode(job: EpisodeJob) -> PlayedEpisode:
+    """Plays an episode in this process, afresh where a signal ends the policy's.
+
+    Raises:
+        Exception: the simulator or the recording failed; a policy's failure is in the result.
+    """
+    deaths: list[str] = []
+    while True:
+        try:
+            played = play_once(job, deaths=len(deaths))
+        except PolicyDied as death:
+            deaths.append(str(death))
+        else:
+            return PlayedEpisode(with_deaths(played.result, deaths), played.decisions)
+
+
+def with_deaths(result: EpisodeResult, deaths: Sequence[str]) -> EpisodeResult:
+    """A result that tells how the policy's process ended before, if it did."""
+    if not deaths:
+        return result
+    times = f"{len(deaths)} time{'s' * (len(deaths) > 1)}"
+    told = f"{result.detail} (the policy's process had died {times} before: {deaths[-1]})"
+    return result.model_copy(update={"detail": told.strip()})
+
+
+def play_once(
+    job: EpisodeJob,
+    trace: "HiddenTrace | None" = None,
+    witnesses: Sequence["Witness"] = (),
+    *,
+    deaths: int = 0,
 ) -> PlayedEpisode:
     """Plays an episode in this process.
 
@@ -45,8 +75,11 @@ def play_episode(
         job: the episode.
         trace: follows the hidden state, if given.
         witnesses: more of them, besides the recorder.
+        deaths: how often a signal has ended the policy's process in this episode.
 
     Raises:
+        PolicyDied: it did so now, and not for the last time; nothing is kept of the episode.
+        NotStarted: the policy's process cannot be started.
         Exception: the simulator or the recording failed; a policy's failure is in the result.
     """
     from hide_tasks.episode import play  # only a process that plays pays for the simulator
@@ -61,6 +94,9 @@ def play_episode(
             rules=job.rules,
             witnesses=[*traces, *recorders, *witnesses],
         )
+    killed = policy.killed if isinstance(policy, PolicyProcess) else None
+    if killed and deaths + 1 < DEATHS:
+        raise PolicyDied(killed)
     if job.recordings:
         name = f"{job.recordings.name}/{recording_name(job.spec)}"
         result = result.model_copy(update={"recording": name})
@@ -91,6 +127,7 @@ def _policy(choice: PolicyChoice) -> Policy:
         _hosted[choice] = choice.make()
         # Runs at SIGTERM as well, which atexit does not.
         Finalize(None, _hosted[choice].close, exitpriority=0)
+    _hosted[choice].make_ready()
     return _hosted[choice]
 
 

@@ -1,8 +1,8 @@
 """The process in which episodes are simulated; started as `python -m workers.simulator_host FD`.
 
 It is told {"play": Play} or {"rest": {}}, which ends the policy's process. Of an episode it tells
-{"decided": n} as it goes on, then {"played": EpisodeCommit} or {"failed": reason}. It ends at once
-with the process that started it.
+{"decided": n} as it goes on, then {"played": EpisodeCommit}, {"failed": reason} or, if a signal
+ended the policy's process, {"died": signal}. It ends at once with the process that started it.
 """
 
 import os
@@ -26,6 +26,7 @@ from hide_tasks.sources import sources_hash
 from workers import policies, wire
 from workers.hidden_trace import HiddenTrace
 from workers.policy_host import die_with_parent
+from workers.policy_process import PolicyDied
 from workers.protocol import (
     BuiltInPolicy,
     CheckpointPolicy,
@@ -33,7 +34,7 @@ from workers.protocol import (
     PythonPolicy,
     measured_digest,
 )
-from workers.simulator import EpisodeJob, close_policies, play_episode
+from workers.simulator import EpisodeJob, close_policies, play_once
 from workers.simulator_process import Play
 
 
@@ -65,6 +66,7 @@ def play(request: Play, connection: socket.socket) -> EpisodeCommit:
 
     Raises:
         OtherSources: this process would play it by other code than the rest of its evaluation.
+        PolicyDied: a signal ended the policy's process, not for the last time.
         Exception: the simulator or the recording failed; a policy's failure is in the result.
     """
     _require_sources(request.episode.spec.task, request.sources)
@@ -76,7 +78,7 @@ def play(request: Play, connection: socket.socket) -> EpisodeCommit:
         request.recordings,
     )
     trace = HiddenTrace()
-    played = play_episode(job, trace, [Progress(connection)])
+    played = play_once(job, trace, [Progress(connection)], deaths=request.deaths)
     result = played.result.model_copy(update={"recording": None})
     measured = (result, trace.start, tuple(played.decisions), tuple(trace.changes))
     return EpisodeCommit(
@@ -85,6 +87,7 @@ def play(request: Play, connection: socket.socket) -> EpisodeCommit:
         decisions=measured[2],
         changes=measured[3],
         thumbnail=trace.thumbnail,
+        sandbox=request.sandbox,
         digest=measured_digest(*measured),
     )
 
@@ -114,12 +117,11 @@ def choice(request: Play) -> policies.PolicyChoice:
     if isinstance(policy, BuiltInPolicy):
         return policies.BuiltIn(policy.name)
     if isinstance(policy, PythonPolicy):
-        surroundings = policies.Surroundings(policy.timeout, _log(), threads=1)
-        return policies.Hosted(policy.target, surroundings)
+        return policies.Hosted(policy.target, _surroundings(request, policy.timeout))
     if isinstance(policy, CheckpointPolicy):
         if request.checkpoint is None:
             raise ValueError(f"{request.policy_name} came without the file of its checkpoint.")
-        surroundings = policies.Surroundings(policy.timeout, _log(), threads=1)
+        surroundings = _surroundings(request, policy.timeout)
         return policies.Checkpoint.of_file(request.checkpoint, policy.sha256, surroundings)
     if request.episode.actions is None:
         raise ValueError(
@@ -127,6 +129,10 @@ def choice(request: Play) -> policies.PolicyChoice:
             "episode."
         )
     return policies.Actions(request.episode.actions)
+
+
+def _surroundings(request: Play, timeout: float) -> policies.Surroundings:
+    return policies.Surroundings(timeout, _log(), 1, request.sandbox, request.hidden)
 
 
 def _log() -> Path | None:
@@ -155,6 +161,8 @@ def answer(content: dict[str, Any], connection: socket.socket) -> dict[str, Any]
     try:
         played = play(Play.model_validate(content), connection)
         return {"played": played.model_dump(mode="json")}
+    except PolicyDied as death:
+        return {"died": str(death)}
     except Exception as error:
         traceback.print_exc()
         return {"failed": "".join(traceback.format_exception_only(error)).strip()}

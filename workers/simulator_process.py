@@ -21,8 +21,9 @@ from pydantic import BaseModel, ConfigDict
 from hide_tasks.contract import Rules
 from workers import wire
 from workers.engines.processes import THREAD_LIMITS
-from workers.policy_process import LOAD_LIMIT
+from workers.policy_process import LOAD_LIMIT, PolicyDied
 from workers.protocol import AssignedEpisode, EpisodeCommit, HostedPolicy, PolicySpec
+from workers.sandbox.choice import Sandbox
 
 STALL_LIMIT = 60.0  # s without a decision, besides what the policy may take
 START_LIMIT = 120.0  # s until the first word of a simulator that is just starting
@@ -43,6 +44,9 @@ class Play(BaseModel):
     rules: Rules = "hide"
     recordings: Path | None = None  # the folder for the recording; None: none is made
     sources: str | None = None  # hash of the code that must play it
+    sandbox: Sandbox | None = None  # around the policy's process, if it has one
+    hidden: tuple[Path, ...] = ()  # folders that a class must not see
+    deaths: int = 0  # how often a signal has ended the policy's process in this episode
 
     def patience(self, decided: int | None) -> float:
         """Seconds until the next sign of life, after so many decisions; None: before the start."""
@@ -88,6 +92,7 @@ class SimulatorProcess:
 
         Raises:
             SimulatorFailure: the simulator raised, died, stood still or took too long.
+            PolicyDied: nothing is kept of the episode; the simulator is ready for the next.
         """
         self._make_ready()
         try:
@@ -96,6 +101,8 @@ class SimulatorProcess:
             commit = self._follow(request, limit, decided)
         except (EOFError, OSError):
             self._fail(self._cause_of_death())
+        except PolicyDied:
+            raise
         except BaseException:
             self.close()
             raise
@@ -162,6 +169,8 @@ class SimulatorProcess:
             [(kind, content)] = self._hear(deadline, patience, limit).items()
             if kind == "failed":
                 self._fail(content)
+            if kind == "died":
+                raise PolicyDied(content)
             if kind == "played":
                 return EpisodeCommit.model_validate(content)
             number = content

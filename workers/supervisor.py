@@ -26,11 +26,20 @@ from workers.ledger_client import (
     Refused,
     Stale,
 )
-from workers.protocol import AssignedEpisode, CheckpointPolicy, EpisodeCommit, ShardJob, Stored
-from workers.simulator import recording_name
+from workers.policy_process import PolicyDied
+from workers.protocol import (
+    AssignedEpisode,
+    CheckpointPolicy,
+    EpisodeCommit,
+    HostedPolicy,
+    ShardJob,
+    Stored,
+)
+from workers.sandbox.choice import chosen
+from workers.sandbox.launch import SCRATCH
+from workers.simulator import recording_name, with_deaths
 from workers.simulator_process import Play, SimulatorFailure, SimulatorProcess
 
-SCRATCH = "hide-worker-"  # then the process's id
 LAST_WORD = 5.0  # s that an upload which nobody wants may take to notice
 
 # Warm between the shards of one process of the engine.
@@ -52,6 +61,7 @@ def run_shard(job: ShardJob) -> None:
         ShardFailure: some episodes could not be played; the server knows which and why.
         LedgerError: the server does not take reports, or does not give the checkpoint.
         WrongContent: the checkpoint that it gives is another one.
+        NoSandbox: the sandbox that it asks for cannot be had here.
     """
     with scratch_folder() as scratch, LedgerClient(job.server, job.attempt, job.token) as ledger:
         try:
@@ -106,8 +116,10 @@ def _play(
     scratch: Path,
     checkpoint: Path | None,
 ) -> EpisodeCommit:
-    """A finished episode whose recording the server has."""
-    with tempfile.TemporaryDirectory(dir=scratch) as folder:
+    """A finished episode whose recording the server has; afresh where the policy's process died."""
+    sandbox = chosen(job.sandbox) if isinstance(job.policy, HostedPolicy) else None
+    deaths: list[str] = []
+    while True:
         request = Play(
             episode=episode,
             policy=job.policy,
@@ -115,14 +127,28 @@ def _play(
             policy_name=job.policy_name,
             rules=job.rules,
             sources=job.sources,
-            recordings=Path(folder) if job.recordings else None,
+            sandbox=sandbox,
+            hidden=job.hidden,
+            deaths=len(deaths),
         )
-        if not job.recordings:
-            return simulator.play(request, limit=job.episode_limit)
+        try:
+            commit = _play_once(job, request, ledger, scratch)
+        except PolicyDied as death:
+            deaths.append(str(death))
+        else:
+            return commit.model_copy(update={"result": with_deaths(commit.result, deaths)})
+
+
+def _play_once(job: ShardJob, request: Play, ledger: LedgerClient, scratch: Path) -> EpisodeCommit:
+    if not job.recordings:
+        return simulator.play(request, limit=job.episode_limit)
+    with tempfile.TemporaryDirectory(dir=scratch) as folder:
+        request = request.model_copy(update={"recordings": Path(folder)})
+        episode = request.episode
         with Upload(ledger, episode.id, Path(folder) / recording_name(episode.spec)) as upload:
             try:
                 commit = simulator.play(request, limit=job.episode_limit)
-            except SimulatorFailure:
+            except (SimulatorFailure, PolicyDied):
                 upload.raise_if_stale()
                 raise
             return commit.model_copy(update={"recording": upload.stored().sha256})

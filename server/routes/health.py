@@ -36,6 +36,7 @@ def is_ready(hub: TheHub, session: Reading, response: Response) -> Health:
         status="ok" if good else "degraded",
         checks=checks,
         workers=hub.settings.workers,
+        sandbox=hub.sandbox,
         running=session.scalar(running) or 0,
         queued=session.scalar(queued) or 0,
     )

@@ -45,7 +45,7 @@ def register_policy(
     with hub.database.reading() as session:
         policies.require_own(session, wanted.name, principal)
     if isinstance(wanted.spec, PythonPolicy):
-        _require_loads(wanted.spec)
+        _require_loads(wanted.spec, hub.surroundings(wanted.spec.timeout))
         known = wanted.spec.model_copy(update={"sha256": wanted.spec.file_hash()})
         wanted = wanted.model_copy(update={"spec": known})
     with hub.database.writing() as session:
@@ -61,10 +61,10 @@ def register_policy(
     return version
 
 
-def _require_loads(spec: PythonPolicy) -> None:
+def _require_loads(spec: PythonPolicy, surroundings: Surroundings) -> None:
     """Loads the class once, in a process of its own: better now than in every episode."""
     try:
-        Hosted(spec.target, Surroundings(timeout=spec.timeout)).check(CHECK_LIMIT)
+        Hosted(spec.target, surroundings).check(CHECK_LIMIT)
     except BadPolicy as error:
         raise invalid("spec.target", str(error)) from None
 
@@ -123,7 +123,7 @@ def taken(
         if there := checkpoints.known(session, name, received.sha256):
             return policies.public(there), False
         quotas.require_room(session, principal, hub.settings, received.size)
-    checkpoints.require_loads(received)
+    checkpoints.require_loads(received, hub.surroundings())
     hub.blobs.take(received.path, received.sha256)
     with hub.database.writing() as session:
         row = checkpoints.keep(

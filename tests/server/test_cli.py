@@ -13,6 +13,7 @@ from hide_tasks import ALL_TASKS, suite
 from hide_tasks.demos import Folder
 from server import cli
 from tests.workers.test_run_folder import contents, play
+from workers.sandbox.choice import Sandbox, best
 
 ROOT = Path(__file__).parents[2]
 
@@ -188,8 +189,9 @@ def test_demonstrations_by_other_sources_are_left_alone(capfd, tmp_path: Path) -
 def test_the_doctor_finds_this_machine_fit(capfd) -> None:
     status, output, _ = hide(capfd, "doctor")
 
-    assert status == 0
     assert "ok  packages: numpy" in output
+    assert (f"ok  sandbox: {best()} is taken" in output) == (best() is not Sandbox.NONE)
+    assert status == int(best() is Sandbox.NONE)
 
 
 def test_a_reader_that_leaves_early_is_no_mistake() -> None:

@@ -10,7 +10,7 @@ from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
 from hide_tasks.contract import Failure
-from server import episodes, lifecycle
+from server import episodes, evaluations, lifecycle
 from server.blobs import Blobs
 from server.commit import commit
 from server.db import Database
@@ -18,6 +18,7 @@ from server.models import Attempt, Blob, Decision, Divergence, Episode, Event, H
 from server.problems import Problem
 from tests.server import ledgers
 from workers.protocol import EpisodeCommit, HiddenChange, measured_digest
+from workers.sandbox.choice import Sandbox
 
 
 class Ledger(NamedTuple):
@@ -103,6 +104,15 @@ def test_everything_that_was_measured_is_kept(ledger: Ledger) -> None:
     assert kept.scene_hash == what.result.scene_hash
     assert [one.model_dump() for one in decisions] == [one.model_dump() for one in what.decisions]
     assert [one.model_dump() for one in changes] == [one.model_dump() for one in what.changes]
+
+
+def test_the_sandbox_is_told_of_the_episode_and_of_its_evaluation(ledger: Ledger) -> None:
+    send(ledger, result(ledger).model_copy(update={"sandbox": Sandbox.LANDLOCK}))
+
+    with ledger.database.reading() as session:
+        episode = episodes.get(session, ledger.episode)
+        assert episode.sandbox is Sandbox.LANDLOCK
+        assert evaluations.get(session, episode.evaluation).sandboxes == [Sandbox.LANDLOCK]
 
 
 def test_followers_are_told(ledger: Ledger) -> None:

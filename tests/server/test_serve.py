@@ -65,6 +65,13 @@ def test_an_address_that_others_reach_and_nobody_guards(
     assert not (tmp_path / "data").exists()
 
 
+def test_a_sandbox_that_there_is_not(capfd, tmp_path: Path) -> None:
+    line = refused(capfd, "--data", tmp_path / "data", "--sandbox", "docker")
+
+    assert "No sandbox 'docker'" in line and "best, bubblewrap, landlock, none" in line
+    assert not (tmp_path / "data").exists()
+
+
 def test_a_data_folder_that_is_a_file(capfd, tmp_path: Path) -> None:
     data = tmp_path / "data"
     data.write_text("a letter")

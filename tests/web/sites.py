@@ -19,7 +19,7 @@ from web.app import create_app
 from workers.hidden_trace import HiddenTrace
 from workers.policies import BuiltIn
 from workers.protocol import EpisodeCommit, measured_digest
-from workers.simulator import EpisodeJob, play_episode
+from workers.simulator import EpisodeJob, play_once
 
 KILLED = "The worker's process was killed (SIGKILL)."
 NASTY = "<script>alert('detail')</script>"
@@ -141,7 +141,7 @@ def played(spec: EpisodeSpec, folder: Path) -> tuple[EpisodeCommit, Path]:
     """An expert's episode that also has beliefs, and its recording."""
     trace = HiddenTrace()
     job = EpisodeJob(spec, BuiltIn("expert"), "expert", recordings=folder)
-    episode = play_episode(job, trace)
+    episode = play_once(job, trace)
     decisions = tuple(
         one.model_copy(update={"belief": Belief(stage_count=one.decision // 2)})
         for one in episode.decisions

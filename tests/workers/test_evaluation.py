@@ -17,6 +17,7 @@ from tests.seek_model.checkpoints import tiny_checkpoint
 from tests.workers import checkpoint_files
 from workers.evaluation import Evaluation, Watcher, evaluate, missing
 from workers.run_folder import DECISIONS, RESULTS, RunFolder
+from workers.sandbox.choice import best
 from workers.simulator_process import descendants
 
 ROOT = Path(__file__).parents[2]
@@ -202,5 +203,7 @@ def test_a_checkpoint_is_evaluated_and_a_bad_one_is_refused(tmp_path: Path) -> N
     assert finished.returncode == 0, finished.stderr
     [episode] = json.loads((tmp_path / "run" / RESULTS).read_text())["episodes"]
     assert episode["failure"] != "policy_error", episode["detail"]
+    assert json.loads((tmp_path / "run" / RESULTS).read_text())["sandboxes"] == [best()]
+    assert ("The policy plays in a sandbox" in finished.stderr) == (best() != "none")
     assert (again.returncode, again.stderr.count("\n")) == (2, 1)
     assert again.stderr.startswith("hide: seek.safetensors cannot be loaded: tensor ")

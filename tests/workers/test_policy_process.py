@@ -21,14 +21,20 @@ from hide_tasks.contract import (
     PolicyFailure,
     parse_action,
 )
-from workers.policy_process import PolicyProcess
+from tests.workers.sandbox.usable import usable
+from workers.policy_process import NotStarted, PolicyProcess
+from workers.sandbox.choice import Sandbox
+from workers.sandbox.limits import MEMORY
+from workers.simulator_process import descendants  # noqa: F401  (the program below has it)
 
 POLICIES = "tests.workers.some_policies"
 
 
 @contextlib.contextmanager
 def playing(name: str, instruction: str = "wait", **settings: object) -> Iterator[PolicyProcess]:
-    policy = PolicyProcess(f"{POLICIES}:{name}", **{"timeout": 20.0, **settings})
+    policy = PolicyProcess(
+        f"{POLICIES}:{name}", **{"timeout": 20.0, "sandbox": Sandbox.NONE, **settings}
+    )
     try:
         policy.reset(instruction, 7)
         yield policy
@@ -44,6 +50,12 @@ def observation() -> Observation:
     return Observation(dict.fromkeys(CAMERAS, view), pose, 1.0, np.zeros(7), "wait")
 
 
+@pytest.fixture(params=Sandbox)
+def sandbox(request: pytest.FixtureRequest) -> Sandbox:
+    """Each sandbox that this machine has; what it lacks is skipped, and says why."""
+    return usable(request.param)
+
+
 def pid(policy: PolicyProcess) -> int:
     assert policy._process is not None
     return policy._process.pid
@@ -54,8 +66,8 @@ def ended(pid: int) -> bool:
     return not stat.exists() or stat.read_text().split()[2] == "Z"
 
 
-def test_an_action_and_a_belief_come_back() -> None:
-    with playing("Stays") as policy:
+def test_an_action_and_a_belief_come_back(sandbox: Sandbox) -> None:
+    with playing("Stays", sandbox=sandbox) as policy:
         assert isinstance(policy, Policy)
         action = parse_action(policy.act(observation()))
 
@@ -70,8 +82,8 @@ def test_arrays_in_an_answer_are_an_action() -> None:
     assert action == Keyframe.at(observation().gripper_pose, ignore_collisions=True)
 
 
-def test_one_process_plays_many_episodes() -> None:
-    with playing("Stays") as policy:
+def test_one_process_plays_many_episodes(sandbox: Sandbox) -> None:
+    with playing("Stays", sandbox=sandbox) as policy:
         first = pid(policy)
         policy.act(observation())
         policy.reset("again", 8)
@@ -93,8 +105,10 @@ def test_one_process_plays_many_episodes() -> None:
         ("believe", Failure.POLICY_INVALID, "belief: Input should be a valid integer"),
     ],
 )
-def test_what_goes_wrong_is_named(instruction: str, failure: Failure, message: str) -> None:
-    with playing("Misbehaves", instruction) as policy:
+def test_what_goes_wrong_is_named(
+    sandbox: Sandbox, instruction: str, failure: Failure, message: str
+) -> None:
+    with playing("Misbehaves", instruction, sandbox=sandbox) as policy:
         policy.timeout = 0.5 if instruction == "sleep" else 20.0
         before = pid(policy)
 
@@ -106,8 +120,8 @@ def test_what_goes_wrong_is_named(instruction: str, failure: Failure, message: s
         assert ended(before)
 
 
-def test_after_a_failure_the_next_episode_has_a_new_process() -> None:
-    with playing("Misbehaves", "raise") as policy:
+def test_after_a_failure_the_next_episode_has_a_new_process(sandbox: Sandbox) -> None:
+    with playing("Misbehaves", "raise", sandbox=sandbox) as policy:
         before = pid(policy)
         with pytest.raises(PolicyFailure):
             policy.act(observation())
@@ -142,12 +156,12 @@ def test_the_policy_hears_no_more_than_it_may(tmp_path: Path, monkeypatch) -> No
     assert not {"pybullet", "numba", "hide_tasks.suite"} & set(told["modules"])
 
 
-def test_what_a_policy_prints_goes_to_its_log(tmp_path: Path) -> None:
-    with playing("Stays", "close the drawer", log=tmp_path / "policy.log"):
+def test_what_a_policy_prints_goes_to_its_log(sandbox: Sandbox, tmp_path: Path) -> None:
+    with playing("Stays", "close the drawer", log=tmp_path / "policy.log", sandbox=sandbox):
         assert (tmp_path / "policy.log").read_text() == "told: close the drawer, 7\n"
 
 
-def test_a_class_in_a_file_may_import_its_neighbours(tmp_path: Path) -> None:
+def test_a_class_in_a_file_may_import_its_neighbours(sandbox: Sandbox, tmp_path: Path) -> None:
     (tmp_path / "neighbour.py").write_text("from hide_tasks.contract import Stop\n")
     (tmp_path / "mine.py").write_text(
         "from neighbour import Stop\n"
@@ -155,7 +169,7 @@ def test_a_class_in_a_file_may_import_its_neighbours(tmp_path: Path) -> None:
         "    def reset(self, instruction, policy_seed): pass\n"
         "    def act(self, observation): return Stop()\n"
     )
-    policy = PolicyProcess(f"{tmp_path}/mine.py:Mine", timeout=20.0)
+    policy = PolicyProcess(f"{tmp_path}/mine.py:Mine", timeout=20.0, sandbox=sandbox)
     try:
         policy.reset("wait", 7)
 
@@ -173,8 +187,8 @@ def test_a_class_in_a_file_may_import_its_neighbours(tmp_path: Path) -> None:
         ("no/such/file.py:Mine", "FileNotFoundError: no file no/such/file.py"),
     ],
 )
-def test_a_policy_that_cannot_be_loaded(target: str, message: str) -> None:
-    policy = PolicyProcess(target, timeout=20.0)
+def test_a_policy_that_cannot_be_loaded(sandbox: Sandbox, target: str, message: str) -> None:
+    policy = PolicyProcess(target, timeout=20.0, sandbox=sandbox)
 
     with pytest.raises(PolicyFailure) as raised:
         policy.load()
@@ -182,23 +196,40 @@ def test_a_policy_that_cannot_be_loaded(target: str, message: str) -> None:
     assert str(raised.value) == message
 
 
+@pytest.mark.parametrize(
+    ("memory", "message"),
+    [("much", "expected a number of GiB"), ("0.001", "before it served; its sandbox was ")],
+)
+@pytest.mark.parametrize("closed", [Sandbox.BUBBLEWRAP, Sandbox.LANDLOCK])
+def test_a_process_that_cannot_start_is_no_failure_of_its_policy(
+    monkeypatch, closed: Sandbox, memory: str, message: str
+) -> None:
+    policy = PolicyProcess(f"{POLICIES}:Stays", timeout=20.0, sandbox=usable(closed))
+    monkeypatch.setenv(MEMORY, memory)
+
+    with pytest.raises(NotStarted, match=message):
+        policy.make_ready()
+
+
 @pytest.mark.skipif(sys.platform != "linux", reason="looks into /proc")
-def test_a_busy_policy_does_not_outlive_its_parent() -> None:
+def test_a_busy_policy_does_not_outlive_its_parent(sandbox: Sandbox) -> None:
     program = (
         "from tests.workers.test_policy_process import *\n"
-        "policy = PolicyProcess(f'{POLICIES}:Misbehaves', timeout=60.0)\n"
+        "policy = PolicyProcess(\n"
+        f"    '{POLICIES}:Misbehaves', timeout=60.0, sandbox=Sandbox('{sandbox}')\n"
+        ")\n"
         "policy.reset('sleep', 7)\n"
-        "print(pid(policy), flush=True)\n"
+        "print(pid(policy), *descendants(pid(policy)), flush=True)\n"
         "policy.act(observation())\n"
     )
     parent = subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.PIPE, text=True)
     with parent:
         assert parent.stdout is not None
-        policy = int(parent.stdout.readline())
+        processes = [int(pid) for pid in parent.stdout.readline().split()]
         time.sleep(0.2)
         parent.kill()
 
     deadline = time.monotonic() + 5
-    while not ended(policy):
+    while not all(map(ended, processes)):
         assert time.monotonic() < deadline, "the policy is still there"
         time.sleep(0.02)

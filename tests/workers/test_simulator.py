@@ -7,11 +7,14 @@ import pytest
 
 from hide_tasks.contract import Failure
 from hide_tasks.suite import episode
+from tests.workers.sandbox.usable import usable
 from workers import simulator
 from workers.policies import BuiltIn, Hosted, PolicyChoice, Surroundings
+from workers.sandbox.choice import Sandbox
 from workers.simulator import EpisodeJob, PlayedEpisode, play_episode
 
 ROOT = Path(__file__).parents[2]
+HOSTILE = Path(__file__).with_name("sandbox") / "hostile.py"
 TASK = "push_button_times"
 
 
@@ -57,9 +60,51 @@ def test_a_policy_that_died_plays_the_next_episode(tmp_path: Path, monkeypatch) 
     monkeypatch.syspath_prepend(str(ROOT))
     monkeypatch.chdir(tmp_path)
 
-    details = [play(hosted("DiesOnce"), index).result.detail for index in range(2)]
+    policy = hosted("DiesOnce", sandbox=Sandbox.NONE)  # it writes
+    details = [play(policy, index).result.detail for index in range(2)]
 
     assert details == ["the policy's process died: exit code 1", ""]
+
+
+@pytest.mark.parametrize(
+    ("name", "failure", "detail", "deaths"),
+    [
+        (
+            "KillsItselfTwice",
+            Failure.UNDERCOUNT,
+            "(the policy's process had died 2 times before: signal 9, SIGKILL)",
+            2,
+        ),
+        (
+            "KillsItselfAlways",
+            Failure.POLICY_ERROR,
+            "the policy's process died: signal 9, SIGKILL "
+            "(the policy's process had died 2 times before: signal 9, SIGKILL)",
+            3,
+        ),
+    ],
+)
+def test_a_signal_starts_the_episode_afresh_and_the_third_is_scored(
+    tmp_path: Path, monkeypatch, name: str, failure: Failure, detail: str, deaths: int
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    policy = Hosted(f"{HOSTILE}:{name}", Surroundings(sandbox=Sandbox.NONE))  # it counts in a file
+
+    result = play(policy, recordings=tmp_path / "recordings").result
+
+    assert (result.failure, result.detail) == (failure, detail)
+    assert (tmp_path / "deaths").read_text() == str(deaths)
+    assert [path.name for path in (tmp_path / "recordings").iterdir()] == [f"{TASK}-test-000.rrd"]
+
+
+@pytest.mark.parametrize("sandbox", Sandbox)
+def test_a_signal_is_told_from_an_error_in_every_sandbox(sandbox: Sandbox) -> None:
+    policy = Hosted(f"{HOSTILE}:KillsItselfAtOnce", Surroundings(sandbox=usable(sandbox)))
+
+    result = play(policy).result
+
+    assert result.failure is Failure.POLICY_ERROR
+    assert "had died 2 times before: signal 9, SIGKILL" in result.detail
 
 
 def test_a_belief_stands_in_the_decisions() -> None:

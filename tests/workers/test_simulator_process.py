@@ -23,6 +23,7 @@ from workers.protocol import (
     measured_digest,
 )
 from workers.recording import properties_of
+from workers.sandbox.choice import Sandbox
 from workers.simulator_process import Play, SimulatorFailure, SimulatorProcess, descendants
 
 SPEC = suite.episode("push_button_times", "test", 0)
@@ -143,7 +144,7 @@ def test_a_late_episode_is_killed_with_all_its_processes(simulator: SimulatorPro
     noting = threading.Thread(target=note)
     noting.start()
     with pytest.raises(SimulatorFailure, match="the episode took longer than 3 s"):
-        simulator.play(request(hosted("HangsWithAChild")), limit=3.0)
+        simulator.play(request(hosted("HangsWithAChild"), sandbox=Sandbox.NONE), limit=3.0)
     noting.join()
 
     assert len(pids) == 3

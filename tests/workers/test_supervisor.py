@@ -35,6 +35,8 @@ from workers.protocol import (
     measured_digest,
 )
 from workers.recording import properties_of
+from workers.sandbox import bubblewrap
+from workers.sandbox.choice import best
 from workers.simulator_process import descendants
 from workers.supervisor import SCRATCH, ShardFailure, run_shard, scratch_folder
 
@@ -188,6 +190,21 @@ def test_an_attempt_that_turns_stale_while_it_plays_stops_at_once(peer: Peer) ->
     assert supervisor.simulator.pid is None
 
 
+def test_a_policy_that_signals_end_is_scored_at_the_third_and_the_shard_goes_on(peer: Peer) -> None:
+    hostile = Path(__file__).with_name("sandbox") / "hostile.py"
+    policy = PythonPolicy(target=f"{hostile}:KillsItselfAtOnce", timeout=20.0)
+
+    run_shard(shard(peer, policy))
+
+    assert peer.kept.faults == {}
+    for episode, commit in peer.kept.commits.items():
+        assert commit.result.failure is Failure.POLICY_ERROR
+        assert "had died 2 times before: signal 9, SIGKILL" in commit.result.detail
+        assert commit.sandbox is best()
+        assert [what for what, whose in peer.kept.told if whose == episode].count("start") == 1
+    assert len(peer.kept.commits) == 2
+
+
 @pytest.mark.skipif(sys.platform != "linux", reason="looks into /proc")
 @pytest.mark.parametrize("end", ["kill", "cancel"])
 def test_nothing_is_left_of_an_attempt_that_is_ended(
@@ -215,7 +232,12 @@ def test_nothing_is_left_of_an_attempt_that_is_ended(
 
 
 def descendants_that_run(module: str) -> list[int]:
-    return [pid for pid in descendants(os.getpid()) if f"-m {module} " in command(pid)]
+    commands = {pid: command(pid) for pid in descendants(os.getpid())}
+    return [
+        pid
+        for pid, text in commands.items()
+        if f" {module} " in text and not text.startswith(bubblewrap.program() or "-")
+    ]
 
 
 def test_what_a_killed_process_left_is_removed(

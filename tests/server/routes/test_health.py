@@ -9,6 +9,7 @@ from tests.server.clients import (
     create,
     hub_of,
 )
+from workers.sandbox.choice import best
 
 
 def test_health(here: TestClient) -> None:
@@ -21,7 +22,7 @@ def test_health(here: TestClient) -> None:
     assert ready.status_code == 200
     assert ready.json() == {
         "status": "ok", "checks": {"ledger": "ok", "disk": "ok"}, "workers": 0, "running": 1,
-        "queued": 1,
+        "queued": 1, "sandbox": best(),
     }  # fmt: skip
     assert here.get(f"{API}/version").json()["suite"] == "hide 1"
 
