@@ -19,6 +19,7 @@ from hide_tasks.contract import Belief, Failure, Observation, PolicyFailure
 from workers import wire
 
 LOAD_LIMIT = 600.0  # s for importing and constructing a policy: weights may be large
+KEYS = "HIDE_REMOTE_KEYS"  # of policy servers: nothing for a policy to read
 LONGEST_MESSAGE = 500  # characters of an error that are kept
 
 
@@ -28,15 +29,24 @@ class PolicyProcess:
     Args:
         target: `module:Class` or `path/to/file.py:Class`.
         timeout: seconds for one answer.
+        first_timeout: seconds for an episode's first one, if that differs.
         log: file that takes what the policy prints; None throws it away.
         threads: how many threads its numeric libraries may use.
     """
 
     def __init__(
-        self, target: str, *, timeout: float, log: Path | None = None, threads: int | None = None
+        self,
+        target: str,
+        *,
+        timeout: float,
+        first_timeout: float | None = None,
+        log: Path | None = None,
+        threads: int | None = None,
     ):
         self.target = target
         self.timeout = timeout
+        self.first_timeout = first_timeout
+        self._first = True
         self.log = log
         self.threads = threads
         self._belief: Belief | None = None
@@ -51,7 +61,7 @@ class PolicyProcess:
         """
         self.load()
         self._ask({"reset": {"instruction": instruction, "policy_seed": policy_seed}}, self.timeout)
-        self._belief = None
+        self._belief, self._first = None, True
 
     def act(self, observation: Observation) -> Any:
         """The action in its dictionary form, or whatever the policy answered.
@@ -59,7 +69,9 @@ class PolicyProcess:
         Raises:
             PolicyFailure: it raised, died, was late or answered what is no message.
         """
-        reply = self._ask({"act": wire.pack_observation(observation)}, self.timeout)
+        limit = self.first_timeout if self._first and self.first_timeout else self.timeout
+        reply = self._ask({"act": wire.pack_observation(observation)}, limit)
+        self._first = False
         try:
             said = reply["belief"]
             self._belief = None if said is None else Belief.model_validate(said)
@@ -92,6 +104,13 @@ class PolicyProcess:
         self._process.wait()
         self._process = None
 
+    def kill(self) -> None:
+        """Kills the process and all its children, from whatever thread; what is asked then fails."""
+        process = self._process
+        if process and process.returncode is None:
+            with contextlib.suppress(ProcessLookupError):
+                os.killpg(process.pid, signal.SIGKILL)
+
     def _start(self) -> None:
         ours, theirs = socket.socketpair()
         # -P: the researcher's folder comes first only once our own modules are imported.
@@ -111,6 +130,7 @@ class PolicyProcess:
     def _environment(self) -> dict[str, str]:
         path = os.pathsep.join(os.path.abspath(part) for part in sys.path)
         environment = {**os.environ, "PYTHONPATH": path, "PYTHONUNBUFFERED": "1"}
+        environment.pop(KEYS, None)
         if self.threads is not None:
             for library in ("OMP", "MKL", "OPENBLAS", "NUMBA"):
                 environment[f"{library}_NUM_THREADS"] = str(self.threads)

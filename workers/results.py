@@ -17,6 +17,7 @@ class Results(BaseModel):
 
     policy: str
     checkpoint: str | None = None  # SHA-256 of the policy's file, if it is one
+    remote: dict[str, str | int] | None = None  # what its server said, if it is served
     suite: str
     version: int
     split: Split

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from hide_tasks.contract import DecisionRecord, EpisodeResult, EpisodeSpec, Policy, Rules
 from workers.policies import Hosted, PolicyChoice
 from workers.policy_process import PolicyProcess
+from workers.remote.target import RemoteProcess
 
 if TYPE_CHECKING:
     from hide_tasks.episode import Witness
@@ -47,6 +48,7 @@ def play_episode(
         witnesses: more of them, besides the recorder.
 
     Raises:
+        Unreachable: the policy's server was not there before the episode began.
         Exception: the simulator or the recording failed; a policy's failure is in the result.
     """
     from hide_tasks.episode import play  # only a process that plays pays for the simulator
@@ -83,7 +85,11 @@ _hosted: dict[Hosted, PolicyProcess] = {}
 
 
 def _policy(choice: PolicyChoice) -> Policy:
-    """A policy for one episode; one in a process of its own stays for the next episode."""
+    """A policy for one episode; one in a process of its own stays for the next episode.
+
+    Raises:
+        Unreachable: it is on another machine that cannot be reached now.
+    """
     if not isinstance(choice, Hosted):
         return choice.make()
     if choice not in _hosted:
@@ -91,7 +97,10 @@ def _policy(choice: PolicyChoice) -> Policy:
         _hosted[choice] = choice.make()
         # Runs at SIGTERM as well, which atexit does not.
         Finalize(None, _hosted[choice].close, exitpriority=0)
-    return _hosted[choice]
+    policy = _hosted[choice]
+    if isinstance(policy, RemoteProcess):
+        policy.open()
+    return policy
 
 
 def close_policies() -> None:

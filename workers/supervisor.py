@@ -115,6 +115,7 @@ def _play(
             policy_name=job.policy_name,
             rules=job.rules,
             sources=job.sources,
+            allowed=job.allowed,
             recordings=Path(folder) if job.recordings else None,
         )
         if not job.recordings:
