@@ -92,6 +92,7 @@ class Hub:
                 server=self.address,
                 episode_limit=self.settings.episode_limit,
                 allow_python=self.settings.allow_python,
+                allow_remote=self.settings.allow_remote,
             ),
             may_hand_out=self.has_room,
         )

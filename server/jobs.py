@@ -12,7 +12,6 @@ from server.blobs import Blobs
 from server.episodes import budget
 from server.models import Decision, Episode, Shard
 from workers.policies import NO_TORCH, has_torch
-from workers.policy_process import LOAD_LIMIT
 from workers.protocol import (
     AssignedEpisode,
     CheckpointPolicy,
@@ -22,6 +21,7 @@ from workers.protocol import (
     ReplayPolicy,
     ShardJob,
 )
+from workers.simulator_process import begin_limit
 
 _SPEC: TypeAdapter[PolicySpec] = TypeAdapter(PolicySpec)
 
@@ -38,6 +38,7 @@ def draft(
     server: str,
     episode_limit: float,
     allow_python: bool,
+    allow_remote: Sequence[str] = (),
 ) -> ShardJob:
     """The job of a shard whose attempt and token are not known yet.
 
@@ -45,6 +46,7 @@ def draft(
         store: holds checkpoints.
         server: address under which workers reach this server.
         episode_limit: seconds of wall time for one episode, the policy's own answers apart.
+        allow_remote: where else than on the internet a remote policy may be.
 
     Raises:
         CannotPlay: its policy is a class of this machine that is not allowed, or has changed; or
@@ -69,6 +71,7 @@ def draft(
             "rules": evaluation.rules,
             "recordings": evaluation.recordings,
             "sources": evaluation.sources.get(shard.task),
+            "allowed": tuple(allow_remote),
             "episode_limit": _limit(policy, episodes, episode_limit),
             "episodes": [_assigned(session, policy, one) for one in episodes],
         }
@@ -101,7 +104,7 @@ def _limit(policy: PolicySpec, episodes: Sequence[Episode], limit: float) -> flo
     if not isinstance(policy, HostedPolicy):
         return limit
     answers = max(budget(episode) for episode in episodes) + 1  # and the reset
-    return limit + LOAD_LIMIT + answers * policy.timeout
+    return limit + begin_limit(policy) + answers * policy.timeout
 
 
 def replayed(session: Session, source: str, episode: Episode) -> tuple[Any, ...]:

@@ -25,6 +25,8 @@ class Settings(BaseSettings):
     port: Annotated[int, Field(ge=0, le=65535)] = 8000  # 0: any that is free
     workers: Annotated[int, Field(ge=0, le=256)] = Field(default_factory=count_cpus)
     allow_python: bool = False  # may a client name a Python class of this machine as a policy?
+    # hosts, host:port and networks where a remote policy may be besides the internet over TLS
+    allow_remote: tuple[str, ...] = ()
     references: bool = True  # evaluate the built-in policies on first start?
     checkpoint_limit: Annotated[int, Field(gt=0)] = 4 * 2**30  # bytes of an uploaded one
     # s of wall time for an episode; what a Python policy may take comes on top

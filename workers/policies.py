@@ -289,7 +289,9 @@ def parse(
     if kind in ("ws", "wss") and rest:
         return read_remote(text, surroundings, maps)
     if maps is not None:
-        raise BadPolicy(f"{maps} declares a remote policy, ws://host:port; '{text}' is none.")
+        raise BadPolicy(
+            f"{maps} declares a remote policy; '{text}' is none, as ws://host:port would be."
+        )
     if text in BUILTIN:
         return BuiltIn(text)
     if kind == "replay" and rest:

@@ -105,7 +105,7 @@ class PolicyProcess:
         self._process = None
 
     def kill(self) -> None:
-        """Kills the process and all its children, from whatever thread; what is asked then fails."""
+        """Kills the process and its children, from whatever thread; what is asked then fails."""
         process = self._process
         if process and process.returncode is None:
             with contextlib.suppress(ProcessLookupError):

@@ -119,7 +119,8 @@ def resolve(peer: Peer, allowed: Sequence[str] = ()) -> list[str]:
         )
     if not all(map(is_public, addresses)):
         raise Forbidden(
-            f"{peer.host} is not a public address; the operator of this server may allow {peer.place}"
+            f"{peer.host} is not a public address; the operator of this server may allow "
+            f"{peer.place}"
         )
     return texts
 

@@ -184,7 +184,7 @@ class PolicyServer:
 
 
 def _converse(connection: ServerConnection, seat: Seat) -> None:
-    """Answers until the client is gone, idle or wrong; what is wrong is a text, as openpi has it."""
+    """Answers until the client is gone, idle or wrong; what is wrong is told as openpi does."""
     session = Session(seat.process)
     try:
         while True:

@@ -245,9 +245,9 @@ def test_numbers_beyond_any_robot_are_no_action() -> None:
 
 
 def test_an_answer_to_another_request_is_none() -> None:
-    with answering(Keeps(request_id="0" * 32), HIDE) as url:
-        with pytest.raises(InvalidAction, match="reply is to another request"):
-            asked(url, observation=None, action=None)
+    error = pytest.raises(InvalidAction, match="reply is to another request")
+    with answering(Keeps(request_id="0" * 32), HIDE) as url, error:
+        asked(url, observation=None, action=None)
 
 
 def test_a_servers_error_is_told_on_one_line_without_escapes() -> None:
@@ -266,7 +266,7 @@ def test_a_server_that_leaves_has_failed() -> None:
         connection.recv()
         connection.close(1011, "out of memory")
 
-    with websocket(handler) as url, pytest.raises(PeerError, match="1011.*out of memory"):
+    with websocket(handler) as url, pytest.raises(PeerError, match=r"1011.*out of memory"):
         asked(url)
 
 
@@ -347,7 +347,7 @@ def http(answer: bytes) -> Callable[[socket.socket], None]:
         (http(b"HTTP/1.1 200 OK\r\nContent-Length: 2\r\n\r\nhi"), "HTTP status 200"),
         (http(b"SSH-2.0-OpenSSH_9.2\r\n"), "is no such server"),
         (http(b"HTTP/1.1 101 Switching\r\n" + b"X-A: b\r\n" * 5000 + b"\r\n"), "is no such server"),
-        (lambda connection: None, "is no such server"),
+        (lambda _: None, "is no such server"),
     ],
 )
 def test_what_is_no_websocket_is_no_server(handler, message: str) -> None:
@@ -412,9 +412,8 @@ def test_a_private_address_is_not_connected_to_unless_allowed() -> None:
 
 
 def test_a_server_without_the_right_certificate_is_refused() -> None:
-    with websocket(lambda _: None) as url:
-        with pytest.raises(BadServer, match="(?i)ssl|tls"):
-            OpenpiPolicy(target(url.replace("ws:", "wss:"))).open(0.0)
+    with websocket(lambda _: None) as url, pytest.raises(BadServer, match=r"(?i)ssl|tls"):
+        OpenpiPolicy(target(url.replace("ws:", "wss:"))).open(0.0)
 
 
 # --- in its process ---
