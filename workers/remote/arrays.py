@@ -58,7 +58,7 @@ def unpack(data: bytes) -> dict[Any, Any]:
         raise BadMessage(f"a message of {len(data)} bytes; at most {MAX_MESSAGE} are read")
     reader = _Reader()
     try:
-        message = msgpack.unpackb(data, object_hook=reader.map, list_hook=reader.list)
+        message = msgpack.unpackb(data, object_hook=reader.on_map, list_hook=reader.on_list)
     except BadMessage:
         raise
     except (ValueError, TypeError, OverflowError, msgpack.UnpackException) as error:
@@ -74,11 +74,11 @@ class _Reader:
     def __init__(self) -> None:
         self.nodes = 0
 
-    def list(self, value: list[Any]) -> list[Any]:
+    def on_list(self, value: list[Any]) -> list[Any]:
         self.count()
         return value
 
-    def map(self, value: dict[Any, Any]) -> Any:
+    def on_map(self, value: dict[Any, Any]) -> Any:
         self.count()
         if ARRAY in value:
             return _array(value)

@@ -64,8 +64,13 @@ class BadObservation(ValueError):
     """A message holds no observation; it names the first entry that is wrong."""
 
 
-KINDS = {"rgb": "u1", "depth": "f4", "intrinsics": "f8", "camera_to_world": "f8"}
-SHAPES = {"rgb": (None, None, 3), "depth": (None, None), "intrinsics": (3, 3)}
+KINDS: dict[str, str] = {"rgb": "u1", "depth": "f4", "intrinsics": "f8", "camera_to_world": "f8"}
+SHAPES: dict[str, tuple[int | None, ...]] = {
+    "rgb": (None, None, 3),
+    "depth": (None, None),
+    "intrinsics": (3, 3),
+    "camera_to_world": (4, 4),
+}
 LARGEST = 1024  # pixels of a side
 
 
@@ -78,8 +83,7 @@ def observation_of(message: Mapping[str, Any]) -> Observation:
     views = {}
     for camera in CAMERAS:
         parts = {
-            part: _array(message, f"{camera}/{part}", KINDS[part], SHAPES.get(part, (4, 4)))
-            for part in PARTS
+            part: _array(message, f"{camera}/{part}", KINDS[part], SHAPES[part]) for part in PARTS
         }
         if parts["rgb"].shape[:2] != parts["depth"].shape:
             raise BadObservation(f"{camera}/rgb and {camera}/depth differ in size")
