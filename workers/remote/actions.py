@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from hide_tasks.contract import MAX_CHUNK, InvalidAction
 from workers.remote.maps import ActionMap
+from workers.remote.words import plain_text
 
 
 def actions_of(reply: Mapping[Any, Any], declared: ActionMap) -> list[Any]:
@@ -18,8 +19,8 @@ def actions_of(reply: Mapping[Any, Any], declared: ActionMap) -> list[Any]:
         InvalidAction: the reply has none, or they are not as they were declared.
     """
     if declared.name not in reply:
-        found = ", ".join(sorted(map(str, reply))[:10]) or "nothing"
-        raise InvalidAction(f"the reply has no '{declared.name}'; it has {found[:200]}")
+        found = plain_text(", ".join(sorted(map(str, reply))[:10])) or "nothing"
+        raise InvalidAction(f"the reply has no '{declared.name}'; it has {found}")
     value = reply[declared.name]
     if declared.kind == "action":
         return [value]

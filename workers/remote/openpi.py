@@ -25,16 +25,17 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 from websockets.exceptions import ConnectionClosed, InvalidStatus, WebSocketException
 from websockets.sync.client import ClientConnection, connect
 
-from hide_tasks.contract import InvalidAction, Observation
+from hide_tasks.contract import Action, InvalidAction, Observation, parse_action
+from workers.policy_host import plain
 from workers.protocol import Dialect, RemotePolicy
 from workers.remote import arrays, egress
 from workers.remote.actions import actions_of
 from workers.remote.maps import ActionMap, Declaration, ObservationMap
 from workers.remote.observations import told
 from workers.remote.target import PATIENCE, About, Target
+from workers.remote.words import plain_text
 
 CONNECT_LIMIT = 10.0  # s for TCP, TLS and the handshake
-LONGEST_TEXT = 400  # characters of what a server says in words
 
 
 class PeerError(Exception):
@@ -104,8 +105,8 @@ class OpenpiPolicy:
             message["instruction"] = instruction
         self._there.reset(message)
 
-    def act(self, observation: Observation) -> Any:
-        """The next action in dictionary form; an answer of several keyframes is several actions.
+    def act(self, observation: Observation) -> Action:
+        """The next action; an answer of several keyframes is several actions.
 
         Raises:
             PeerError: the server failed.
@@ -113,7 +114,7 @@ class OpenpiPolicy:
         """
         if not self._waiting:
             self._waiting = self._ask(observation)
-        return self._waiting.pop(0)
+        return _action(self._waiting.pop(0))
 
     def belief(self) -> Any:
         """What the server says that it believes."""
@@ -154,6 +155,13 @@ class OpenpiPolicy:
             if reply.get("stop") is True and isinstance(actions[-1], dict):
                 actions[-1] = {**actions[-1], "stop": True}
         return actions
+
+
+def _action(value: object) -> Action:
+    try:
+        return parse_action(plain(value))
+    except InvalidAction as error:
+        raise InvalidAction(plain_text(str(error))) from None
 
 
 def _require_answers(reply: Mapping[Any, Any], request: str) -> None:
@@ -244,12 +252,6 @@ def _binary(frame: str | bytes) -> bytes:
     if isinstance(frame, str):
         raise PeerError(f"the server says: {plain_text(frame)}")
     return frame
-
-
-def plain_text(text: str) -> str:
-    """The end of a stranger's words, on one line and without control characters."""
-    words = " ".join("".join(c if c.isprintable() else " " for c in text[-5000:]).split())
-    return words if len(words) <= LONGEST_TEXT else f"…{words[-LONGEST_TEXT:]}"
 
 
 def _reason(error: Exception) -> str:

@@ -21,7 +21,7 @@ class Unreachable(Exception):
 class Target(BaseModel):
     """A remote policy and how it may be reached, as the process that connects is told."""
 
-    model_config = ConfigDict(frozen=True)
+    model_config = ConfigDict(frozen=True, hide_input_in_errors=True)
 
     policy: RemotePolicy
     allowed: tuple[str, ...] = ()  # see `egress.resolve`

@@ -237,11 +237,22 @@ def test_an_answer_that_is_none_is_named(reply, message: str) -> None:
 
 
 def test_numbers_beyond_any_robot_are_no_action() -> None:
-    with answering(lambda _: {"actions": np.full((1, 8), 1e9)}) as url:
-        action = asked(url)
+    far = {"actions": np.full((1, 8), 1e9)}
+    error = pytest.raises(InvalidAction, match="less than or equal to 1000")
+    with answering(lambda _: far) as url, error:
+        asked(url)
 
-    with pytest.raises(InvalidAction, match="less than or equal to 1000"):
-        parse_action(action)
+
+@pytest.mark.parametrize(
+    "reply", [{"\x1b[31mactions\n": 1}, {"action": {"kind": "\x1b[31mjump\n\u202e"}}]
+)
+def test_what_a_server_names_is_shown_without_escapes(reply) -> None:
+    server = Keeps(**reply)
+    greeting = Declaration.model_validate({"observation": STATE}).message()
+    with answering(server, greeting) as url, pytest.raises(InvalidAction) as raised:
+        asked(url, observation=None, action=None)
+
+    assert str(raised.value).isprintable()
 
 
 def test_an_answer_to_another_request_is_none() -> None:

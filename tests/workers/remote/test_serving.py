@@ -32,7 +32,7 @@ from workers.remote.target import About, Target
 OPENPI = os.environ.get("HIDE_OPENPI_PYTHON", "")
 HOW = (
     "openpi-client needs numpy 1, so it wants an environment of its own: python3.11 -m venv "
-    "/tmp/openpi; /tmp/openpi/bin/pip install openpi-client; HIDE_OPENPI_PYTHON="
+    "/tmp/openpi; /tmp/openpi/bin/pip install openpi-client typing_extensions; HIDE_OPENPI_PYTHON="
     "/tmp/openpi/bin/python"
 )
 
