@@ -205,10 +205,10 @@ class Remote(Hosted):
         """The policy at this address; the surroundings' time-out gives way to its own.
 
         Raises:
-            BadPolicy: the address is none.
+            BadPolicy: the address is none, or is certainly not allowed.
         """
         try:
-            egress.parse_url(spec.url)
+            egress.foresee(egress.parse_url(spec.url), allowed)
         except egress.Forbidden as error:
             raise BadPolicy(f"{error}.") from None
         told = replace(surroundings, timeout=spec.timeout)
@@ -238,7 +238,7 @@ class Remote(Hosted):
         try:
             return process.open(patience=0.0)
         except Unreachable as error:
-            raise BadPolicy(f"{self.text} cannot be played with: {error}.") from None
+            raise BadPolicy(f"{error}.") from None
         finally:
             process.close()
 

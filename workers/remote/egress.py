@@ -113,16 +113,37 @@ def resolve(peer: Peer, allowed: Sequence[str] = ()) -> list[str]:
     if is_allowed(peer, addresses, allowed):
         return texts
     if not peer.secure:
-        raise Forbidden(
-            f"{peer.scheme}:// to {peer.host} is not encrypted; use {peer.scheme}s://, or have the "
-            f"operator allow {peer.place}"
-        )
+        raise _unencrypted(peer)
     if not all(map(is_public, addresses)):
         raise Forbidden(
             f"{peer.host} is not a public address; the operator of this server may allow "
             f"{peer.place}"
         )
     return texts
+
+
+def foresee(peer: Peer, allowed: Sequence[str] = ()) -> None:
+    """Does nothing unless `resolve` would refuse a peer whatever its name stands for.
+
+    Raises:
+        Forbidden: it would.
+    """
+    numeric = True
+    try:
+        ipaddress.ip_address(peer.host)
+    except ValueError:
+        numeric = False
+    if numeric:
+        resolve(peer, allowed)  # asks nobody
+    elif not peer.secure and not allowed:
+        raise _unencrypted(peer)
+
+
+def _unencrypted(peer: Peer) -> Forbidden:
+    return Forbidden(
+        f"{peer.scheme}:// to {peer.host} is not encrypted; use {peer.scheme}s://, or have the "
+        f"operator allow {peer.place}"
+    )
 
 
 def connect(peer: Peer, allowed: Sequence[str], within: float) -> socket.socket:

@@ -76,9 +76,8 @@ class OpenpiPolicy:
             patience: seconds in which a connection that is refused is tried again.
 
         Raises:
-            BadServer: it cannot be played with.
+            BadServer: it cannot be reached, or not be played with.
             Forbidden: it may not be connected to.
-            OSError: it cannot be reached.
         """
         self.close()
         self._connection = Connection(self.target, patience)
@@ -176,7 +175,11 @@ class Connection:
         policy, peer = target.policy, egress.parse_url(target.policy.url)
         headers = {"Authorization": f"Api-Key {target.key}"} if target.key else None
         with ExitStack() as stack:
-            raw = stack.enter_context(_dial(peer, target.allowed, patience))
+            try:
+                raw = stack.enter_context(_dial(peer, target.allowed, patience))
+            except OSError as error:
+                reason = error.strerror or str(error)
+                raise BadServer(f"{policy.url} cannot be reached: {reason}") from None
             try:
                 opened = connect(
                     policy.url,

@@ -4,7 +4,7 @@ import socket
 import pytest
 
 from workers.remote import egress
-from workers.remote.egress import Forbidden, is_allowed, is_public, parse_url, resolve
+from workers.remote.egress import Forbidden, foresee, is_allowed, is_public, parse_url, resolve
 
 
 @pytest.mark.parametrize("text", ["1.1.1.1", "93.184.215.14", "2606:4700:4700::1111"])
@@ -57,6 +57,21 @@ def test_what_is_no_url(url: str) -> None:
 def test_this_machine_is_not_reached_under_any_of_its_names(host: str) -> None:
     with pytest.raises((Forbidden, OSError)):
         resolve(parse_url(f"wss://{host}"))
+
+
+@pytest.mark.parametrize(
+    "url", ["ws://lab.example", "wss://127.0.0.1", "wss://[::1]", "ws://1.1.1.1"]
+)
+def test_what_no_lookup_would_change_is_refused_without_one(url: str, monkeypatch) -> None:
+    true = socket.getaddrinfo
+    monkeypatch.setattr(
+        socket, "getaddrinfo", lambda *a, **k: true(*a, **k, flags=socket.AI_NUMERICHOST)
+    )
+
+    with pytest.raises(Forbidden):
+        foresee(parse_url(url))
+    foresee(parse_url(url), [parse_url(url).place])
+    foresee(parse_url("wss://lab.example"))
 
 
 def test_without_tls_only_what_the_operator_allows_is_reached() -> None:
