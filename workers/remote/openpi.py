@@ -80,6 +80,7 @@ class OpenpiPolicy:
             Forbidden: it may not be connected to.
         """
         self.close()
+        self._fresh = False
         self._connection = Connection(self.target, patience)
         self._agreed = agree(self.target.policy, self._connection.metadata)
         self._fresh = True

@@ -6,15 +6,17 @@ client that knows no dialect sends observations alone; its connection is its epi
 
 import hmac
 from collections.abc import Callable, Iterator, Mapping
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from functools import partial
 from queue import Empty, SimpleQueue
 from time import monotonic
 from typing import Any
 
 from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
+from websockets.protocol import State
 from websockets.sync.server import Server, ServerConnection, serve
 
 from hide_tasks.contract import PolicyFailure
@@ -25,6 +27,7 @@ from workers.remote.maps import INSTRUCTION, Declaration, everything
 from workers.remote.observations import BadObservation, observation_of
 
 SEAT_LIMIT = 2.0  # s for a session that is just ending to make room
+LOOK_EVERY = 0.2  # s between two looks whether a client is still there
 IDLE_LIMIT = 900.0  # s without a message, after which a session is over
 SEED = 0  # of every session: nothing that tells episodes apart crosses the wire
 LONGEST_ID = 100
@@ -42,9 +45,17 @@ class Seat:
         self.process = process
         self._thread = ThreadPoolExecutor(1, thread_name_prefix="policy")
 
-    def call(self, function: Callable[..., Any], *arguments: Any) -> Any:
-        """What the function returns, called in the process's thread."""
-        return self._thread.submit(function, *arguments).result()
+    def call(self, function: Callable[[], Any], wanted: Callable[[], bool] = lambda: True) -> Any:
+        """What the function returns, called in the process's thread.
+
+        Args:
+            wanted: asked again and again; the process is killed when nobody wants its answer.
+        """
+        asked = self._thread.submit(function)
+        while not wait([asked], timeout=LOOK_EVERY).done:
+            if not wanted():
+                self.process.kill()
+        return asked.result()
 
     def close(self) -> None:
         """Ends the process, and so whatever is asked of it."""
@@ -158,7 +169,7 @@ class PolicyServer:
         if request.path == "/healthz":
             return connection.respond(200, "OK\n")
         given = request.headers.get("Authorization", "")
-        if self.key and not hmac.compare_digest(given.encode(), f"Api-Key {self.key}".encode()):
+        if self.key and not hmac.compare_digest(_bytes(given), _bytes(f"Api-Key {self.key}")):
             return connection.respond(401, "Send the header Authorization: Api-Key …\n")
         return None
 
@@ -183,6 +194,10 @@ class PolicyServer:
             self._free.put(seat)
 
 
+def _bytes(text: str) -> bytes:
+    return text.encode(errors="surrogateescape")
+
+
 def _converse(connection: ServerConnection, seat: Seat) -> None:
     """Answers until the client is gone, idle or wrong; what is wrong is told as openpi does."""
     session = Session(seat.process)
@@ -191,7 +206,8 @@ def _converse(connection: ServerConnection, seat: Seat) -> None:
             frame = connection.recv(timeout=IDLE_LIMIT)
             if isinstance(frame, str):
                 raise BadRequest("a text; expected a binary frame")
-            reply = seat.call(session.answer, arrays.unpack(frame))
+            answer = partial(session.answer, arrays.unpack(frame))
+            reply = seat.call(answer, wanted=lambda: connection.protocol.state is State.OPEN)
             connection.send(arrays.pack(reply))
     except TimeoutError:
         connection.close(TRY_AGAIN, "idle")

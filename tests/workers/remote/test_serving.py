@@ -233,6 +233,18 @@ def test_the_server_ends_while_a_policy_is_thinking() -> None:
     assert isinstance(failed[0], PeerError)
 
 
+def test_a_policy_thinks_no_longer_than_its_client_waits() -> None:
+    with served("Hangs") as url:
+        policy = client(url)
+        policy.reset("wait", 7)
+        message = told(observation(), everything()) | {"endpoint": "infer"}
+        policy._there._socket.send(arrays.pack(message | {"session_id": policy._session}))
+        policy.close()
+
+        with closing(client(url)) as other:
+            assert other.open().model == "Hangs"
+
+
 # --- openpi's own client ---
 
 
