@@ -97,8 +97,8 @@ def evaluate(
         Argument(
             metavar="POLICY",
             help="expert, amnesiac, random, noop; replay:DIR, the actions of another run; a "
-            "checkpoint, path/to/file.safetensors; or your own class, python:module:Class or "
-            "python:path/to/file.py:Class.",
+            "checkpoint, path/to/file.safetensors; your own class, python:module:Class or "
+            "python:path/to/file.py:Class; or a policy that is served, ws://host:port.",
         ),
     ],
     tasks: Tasks = "",
@@ -126,6 +126,13 @@ def evaluate(
         ),
     ] = 60.0,
     sandbox: SandboxOption = None,
+    maps: Annotated[
+        Path | None,
+        Option(
+            metavar="FILE",
+            help="For ws://…: a TOML file with what the policy sees, how it acts, its time limits.",
+        ),
+    ] = None,
 ) -> None:
     """Evaluate a policy without a server; with --out, an interrupted run resumes."""
     from server.run import run
@@ -141,6 +148,7 @@ def evaluate(
         recordings=recordings,
         policy_timeout=policy_timeout,
         sandbox=sandbox,
+        maps=maps,
     )
     results = run(evaluation, out or new_folder(policy), workers)
     show(results.model_dump(mode="json") if as_json else results_table(results))
@@ -250,6 +258,14 @@ def serve(
             "account here then runs code as you.",
         ),
     ] = None,
+    allow_remote: Annotated[
+        list[str] | None,
+        Option(
+            metavar="HOST",
+            help="Let remote policies be there as well: a host, host:port or network that is not "
+            "public, or speaks no TLS; may be repeated.",
+        ),
+    ] = None,
     references: Annotated[
         bool | None,
         Option(
@@ -271,12 +287,46 @@ def serve(
         "token": token,
         "public_url": public_url,
         "allow_python": allow_python,
+        "allow_remote": allow_remote or None,
         "references": references,
         "sandbox": sandbox,
     }
     logging.basicConfig(format="%(asctime)s %(levelname)s %(message)s")
     settings = settings_of(given)
     run_server(settings, lambda url: typer.echo(f"HIDE-SEEK: {url} (Ctrl-C stops)", err=True))
+
+
+@app.command("serve-policy")
+def serve_policy(
+    policy: Annotated[
+        str,
+        Argument(
+            metavar="CHECKPOINT",
+            help="path/to/file.safetensors, or your own class as for hide eval.",
+        ),
+    ],
+    host: Annotated[
+        str, Option(help="An address of this machine; other machines need HIDE_POLICY_KEY set.")
+    ] = "127.0.0.1",
+    port: Annotated[int, Option(min=0, max=65535, help="0: any that is free.")] = 8001,
+    sessions: Annotated[
+        int, Option(min=1, max=64, help="Episodes at a time; each has a process to itself.")
+    ] = 1,
+    policy_timeout: Annotated[
+        float, Option(min=0.001, max=3600, metavar="SECONDS", help="For one answer.")
+    ] = 60.0,
+) -> None:
+    """Serve a policy to hide eval ws://…, or to any openpi client, over a WebSocket."""
+    from server.serve_policy import serve_policy as run_server
+
+    run_server(
+        policy,
+        host=host,
+        port=port,
+        sessions=sessions,
+        timeout=policy_timeout,
+        serving=lambda url: typer.echo(f"{policy}: {url} (Ctrl-C stops)", err=True),
+    )
 
 
 @app.command()

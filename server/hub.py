@@ -141,6 +141,7 @@ class Hub:
                 allow_python=self.settings.allow_python,
                 sandbox=self.sandbox,
                 hidden=(self.folder.path.absolute(),),
+                allow_remote=self.settings.allow_remote,
             ),
             may_hand_out=self.has_room,
         )

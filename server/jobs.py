@@ -13,7 +13,6 @@ from server.blobs import Blobs
 from server.episodes import budget
 from server.models import Decision, Episode, Shard
 from workers.policies import NO_TORCH, has_torch
-from workers.policy_process import LOAD_LIMIT
 from workers.protocol import (
     AssignedEpisode,
     CheckpointPolicy,
@@ -24,6 +23,7 @@ from workers.protocol import (
     ShardJob,
 )
 from workers.sandbox.choice import Sandbox
+from workers.simulator_process import begin_limit
 
 _SPEC: TypeAdapter[PolicySpec] = TypeAdapter(PolicySpec)
 
@@ -42,6 +42,7 @@ def draft(
     allow_python: bool,
     sandbox: Sandbox | None = None,
     hidden: tuple[Path, ...] = (),
+    allow_remote: Sequence[str] = (),
 ) -> ShardJob:
     """The job of a shard whose attempt and token are not known yet.
 
@@ -51,6 +52,7 @@ def draft(
         episode_limit: seconds of wall time for one episode, the policy's own answers apart.
         sandbox: around the policy's process; None: the worker chooses.
         hidden: folders of this machine that no policy may see.
+        allow_remote: where else than on the internet a remote policy may be.
 
     Raises:
         CannotPlay: its policy is a class of this machine that is not allowed, or has changed; or
@@ -77,6 +79,7 @@ def draft(
             "sources": evaluation.sources.get(shard.task),
             "sandbox": sandbox,
             "hidden": hidden,
+            "allowed": tuple(allow_remote),
             "episode_limit": _limit(policy, episodes, episode_limit),
             "episodes": [_assigned(session, policy, one) for one in episodes],
         }
@@ -109,7 +112,7 @@ def _limit(policy: PolicySpec, episodes: Sequence[Episode], limit: float) -> flo
     if not isinstance(policy, HostedPolicy):
         return limit
     answers = max(budget(episode) for episode in episodes) + 1  # and the reset
-    return limit + LOAD_LIMIT + answers * policy.timeout
+    return limit + begin_limit(policy) + answers * policy.timeout
 
 
 def replayed(session: Session, source: str, episode: Episode) -> tuple[Any, ...]:

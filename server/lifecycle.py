@@ -15,8 +15,8 @@ import secrets
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from sqlalchemy import func, select, update
-from sqlalchemy.orm import Session
+from sqlalchemy import ColumnElement, func, or_, select, update
+from sqlalchemy.orm import Session, aliased
 
 from hide_tasks import load, suite
 from hide_tasks.contract import EpisodeSpec
@@ -131,6 +131,7 @@ def next_shard(session: Session) -> Shard | None:
     """The shard to hand out next: by priority, then fair share, then age.
 
     Within an evaluation the tasks go side by side, so that an early look says something of each.
+    The server of a remote policy is not asked for more episodes at a time than it takes.
     """
     leased = (
         select(func.count())
@@ -141,10 +142,28 @@ def next_shard(session: Session) -> Shard | None:
     return session.scalar(
         select(Shard)
         .join(Evaluation, Shard.evaluation_id == Evaluation.id)
+        .join(PolicyVersion, Evaluation.policy_version_id == PolicyVersion.id)
         .where(Shard.state == ShardState.PENDING, Evaluation.desired == Desired.FINISHED)
+        .where(_has_room())
         .order_by(Evaluation.priority.desc(), leased, Evaluation.id, Shard.first_index, Shard.task)
         .limit(1)
     )
+
+
+def _has_room() -> ColumnElement[bool]:
+    """True unless the policy is remote and its server plays all that it can."""
+    shard, evaluation, version = aliased(Shard), aliased(Evaluation), aliased(PolicyVersion)
+    url = PolicyVersion.spec["url"].as_string()
+    playing = (
+        select(func.count())
+        .select_from(shard)
+        .join(evaluation, shard.evaluation_id == evaluation.id)
+        .join(version, evaluation.policy_version_id == version.id)
+        .where(shard.state == ShardState.LEASED, version.spec["url"].as_string() == url)
+        .correlate(PolicyVersion)
+        .scalar_subquery()
+    )
+    return or_(url.is_(None), playing < PolicyVersion.spec["concurrency"].as_integer())
 
 
 def lease(session: Session, shard: Shard, *, engine: str) -> tuple[Attempt, str]:

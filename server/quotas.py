@@ -10,6 +10,7 @@ from sqlalchemy import ColumnElement, Select, and_, func, select
 from sqlalchemy.orm import Session
 
 from hide_tasks import ALL_TASKS, suite
+from hide_tasks.contract import Split
 from server.access import Principal, Scope
 from server.models import Evaluation, Policy, PolicyVersion, User, now
 from server.problems import Problem
@@ -18,7 +19,7 @@ from server.settings import Settings
 from server.states import EvaluationState
 
 DAY, MONTH = timedelta(hours=24), timedelta(days=30)
-SCORED_SPLIT = "test"
+SCORED_SPLIT: Split = "test"
 
 
 def of(session: Session, user: User, settings: Settings, *, bound: bool) -> Quotas:
@@ -105,7 +106,7 @@ def _attempts(session: Session, owner: str) -> list[datetime]:
     return list(session.scalars(_counted(owner, DAY)))
 
 
-def _counted(owner: str, window: timedelta) -> Select[tuple[datetime]]:
+def _counted(owner: str, window: timedelta) -> Select[datetime]:
     return (
         select(Evaluation.created)
         .where(

@@ -38,6 +38,8 @@ class Settings(BaseSettings):
     workers: Annotated[int, Field(ge=0, le=256)] = Field(default_factory=count_cpus)
     allow_python: bool = False  # may a client name a Python class of this machine as a policy?
     sandbox: str = BEST  # around the process of a policy: best, bubblewrap, landlock or none
+    # hosts, host:port and networks where a remote policy may be besides the internet over TLS
+    allow_remote: tuple[str, ...] = ()
     references: bool = True  # evaluate the built-in policies on first start?
     checkpoint_limit: Annotated[int, Field(gt=0)] = 4 * 2**30  # bytes of an uploaded one
     # s of wall time for an episode; what a Python policy may take comes on top

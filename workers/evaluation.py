@@ -16,6 +16,7 @@ from workers import policies
 from workers.engines.local import LocalEngine, Lost
 from workers.policy_process import LOAD_LIMIT
 from workers.protocol import DEATHS
+from workers.remote.target import OPEN_LIMIT, About
 from workers.results import Results
 from workers.run_folder import RECORDINGS, RunFolder
 from workers.sandbox.choice import Sandbox, chosen
@@ -39,6 +40,7 @@ class Evaluation:
     recordings: bool = True
     policy_timeout: float = 60.0  # s for one answer of a policy in a process of its own
     sandbox: str | None = None  # around that process; None: what the environment says, or the best
+    maps: Path | None = None  # a file that declares what a remote policy sees and how it acts
 
     @property
     def specs(self) -> list[EpisodeSpec]:
@@ -110,11 +112,14 @@ def evaluate(
     """
     workers = workers or count_cpus()
     watcher = watcher or Watcher()
-    jobs = _jobs(evaluation, path, workers)
+    policy = _policy(evaluation, path, workers)
+    jobs = _jobs(evaluation, path, policy)
+    about = _found(policy)
+    workers = min(workers, about.sessions if about else workers)
+    remote = about.model_dump(mode="json") if about else None
     sandboxes = _sandboxes(jobs)
-    wanted = evaluation.results.model_copy(
-        update={"checkpoint": _checkpoint(jobs), "sandboxes": sandboxes}
-    )
+    known = {"checkpoint": _checkpoint(jobs), "sandboxes": sandboxes, "remote": remote}
+    wanted = evaluation.results.model_copy(update=known)
     with RunFolder.opened(path, wanted) as folder:
         left = [job for job in jobs if _key(job.spec) not in folder.results.finished]
         for sandbox in sandboxes if left else []:
@@ -149,25 +154,35 @@ def _key(spec: EpisodeSpec) -> tuple[str, int]:
     return spec.task, spec.index
 
 
-def _jobs(evaluation: Evaluation, path: Path, workers: int) -> list[EpisodeJob]:
-    """One job an episode, once it is certain that the policy can play it."""
+def _policy(evaluation: Evaluation, path: Path, workers: int) -> policies.PolicyChoice:
     surroundings = policies.Surroundings(
         timeout=evaluation.policy_timeout,
         log=path.absolute() / POLICY_LOG,
         threads=max(1, count_cpus() // workers),
         hidden=(path.absolute(),),
     )
-    policy = policies.parse(evaluation.policy, surroundings)
-    if isinstance(policy, policies.Hosted):
-        policy = policy.within(chosen(evaluation.sandbox))
+    policy = policies.parse(evaluation.policy, surroundings, evaluation.maps)
+    if isinstance(policy, policies.Hosted) and not isinstance(policy, policies.Remote):
+        return policy.within(chosen(evaluation.sandbox))
+    return policy
+
+
+def _jobs(evaluation: Evaluation, path: Path, policy: policies.PolicyChoice) -> list[EpisodeJob]:
+    """One job an episode."""
     recordings = path.absolute() / RECORDINGS if evaluation.recordings else None
-    jobs = [
+    return [
         EpisodeJob(spec, policy.for_episode(spec), evaluation.policy, evaluation.rules, recordings)
         for spec in evaluation.specs
     ]
+
+
+def _found(policy: policies.PolicyChoice) -> About | None:
+    """What a policy's server says, if it has one, once it is certain that the policy can play."""
+    if isinstance(policy, policies.Remote):
+        return policy.found()
     if isinstance(policy, policies.Hosted):
         policy.check()
-    return jobs
+    return None
 
 
 def _sandboxes(jobs: Sequence[EpisodeJob]) -> list[Sandbox]:
@@ -200,4 +215,7 @@ def _time_limit(job: EpisodeJob, budgets: dict[str, int]) -> float:
     if not isinstance(job.policy, policies.Hosted):
         return EPISODE_LIMIT
     answers = budgets[job.spec.task] + 1  # and the reset
-    return DEATHS * (EPISODE_LIMIT + LOAD_LIMIT + answers * job.policy.surroundings.timeout)
+    begin = LOAD_LIMIT
+    if isinstance(job.policy, policies.Remote):
+        begin = OPEN_LIMIT + job.policy.first_timeout
+    return DEATHS * (EPISODE_LIMIT + begin + answers * job.policy.surroundings.timeout)

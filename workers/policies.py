@@ -2,25 +2,32 @@
 
 import difflib
 import hashlib
+import tomllib
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Self
+from typing import Any, Self
+
+from pydantic import ValidationError
 
 from hide_tasks.contract import Action, EpisodeSpec, Policy, PolicyFailure
 from seek_model.checkpoint_header import BadCheckpoint, read_header
 from workers import run_folder
 from workers.policy_host import CHECKPOINT
 from workers.policy_process import LOAD_LIMIT, NotStarted, PolicyProcess
+from workers.protocol import RemotePolicy
+from workers.remote import egress
+from workers.remote.keys import BadKeys, key_of
+from workers.remote.target import About, RemoteProcess, Target, Unreachable, process_of
 from workers.sandbox.choice import Sandbox
 
 BUILTIN = ("expert", "amnesiac", "random", "noop")
 ACCEPTED = (
     f"{', '.join(BUILTIN)}, replay:DIR (a run folder), "
     "python:module:Class or python:path/to/file.py:Class, "
-    "a checkpoint, path/to/file.safetensors"
+    "a checkpoint, path/to/file.safetensors; ws://host:port or wss://…, a policy that is served"
 )
 SUFFIX = ".safetensors"  # of a checkpoint
 MISMATCH = f"{BadCheckpoint.__module__}.{BadCheckpoint.__qualname__}: "  # a traceback's last line
@@ -198,6 +205,78 @@ class Checkpoint(Hosted):
         return super().make()
 
 
+@dataclass(frozen=True)
+class Remote(Hosted):
+    """A policy that somebody serves; the process is ours, and connects. Made by `of_spec`."""
+
+    allowed: tuple[str, ...] = ()  # see `egress.resolve`
+    first_timeout: float = 0.0  # s
+
+    @classmethod
+    def of_spec(
+        cls, spec: RemotePolicy, allowed: Sequence[str], surroundings: Surroundings = Surroundings()
+    ) -> "Remote":
+        """The policy at this address; the surroundings' time-out gives way to its own.
+
+        Raises:
+            BadPolicy: the address is none, or is certainly not allowed.
+        """
+        try:
+            egress.foresee(egress.parse_url(spec.url), allowed)
+        except egress.Forbidden as error:
+            raise BadPolicy(f"{error}.") from None
+        told = replace(surroundings, timeout=spec.timeout)
+        first = max(spec.timeout, spec.first_timeout)
+        return cls(spec.model_dump_json(), told, tuple(allowed), first)
+
+    @property
+    def spec(self) -> RemotePolicy:
+        """As it was declared."""
+        return RemotePolicy.model_validate_json(self.target)
+
+    @property
+    def text(self) -> str:
+        """As messages name it."""
+        return self.spec.url
+
+    def found(self) -> About:
+        """What its server says of itself; connects once.
+
+        Raises:
+            BadPolicy: it cannot be played with, and why.
+        """
+        try:
+            process = replace(self, surroundings=replace(self.surroundings, log=None)).make()
+        except BadKeys as error:
+            raise BadPolicy(str(error)) from None
+        try:
+            return process.open(patience=0.0)
+        except Unreachable as error:
+            raise BadPolicy(f"{error}.") from None
+        finally:
+            process.close()
+
+    def check(self, limit: float = LOAD_LIMIT) -> None:
+        """Connects once.
+
+        Raises:
+            BadPolicy: it cannot be played with, and why.
+        """
+        self.found()
+
+    def make(self) -> RemoteProcess:
+        """A new process for it.
+
+        Raises:
+            BadKeys: the keys of servers cannot be read.
+        """
+        spec = self.spec
+        key = key_of(egress.parse_url(spec.url))
+        process = process_of(Target(policy=spec, allowed=self.allowed, key=key))
+        process.log, process.threads = self.surroundings.log, self.surroundings.threads
+        return process
+
+
 def has_torch() -> bool:
     """True if checkpoints can be loaded here; nothing is imported."""
     return find_spec("torch") is not None
@@ -209,13 +288,24 @@ def hash_of_file(path: Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def parse(text: str, surroundings: Surroundings = Surroundings()) -> PolicyChoice:
+def parse(
+    text: str, surroundings: Surroundings = Surroundings(), maps: Path | None = None
+) -> PolicyChoice:
     """The policy that POLICY names.
+
+    Args:
+        maps: a file that declares what a remote policy sees and how it acts.
 
     Raises:
         BadPolicy: it names none.
     """
     kind, _, rest = text.partition(":")
+    if kind in ("ws", "wss") and rest:
+        return read_remote(text, surroundings, maps)
+    if maps is not None:
+        raise BadPolicy(
+            f"{maps} declares a remote policy; '{text}' is none, as ws://host:port would be."
+        )
     if text in BUILTIN:
         return BuiltIn(text)
     if kind == "replay" and rest:
@@ -245,6 +335,37 @@ def read_checkpoint(path: Path, surroundings: Surroundings = Surroundings()) -> 
         raise BadPolicy(f"{path} is no checkpoint: {error}.") from None
     except OSError as error:
         raise BadPolicy(f"No checkpoint {path}: {error.strerror}.") from None
+
+
+def read_remote(
+    url: str, surroundings: Surroundings = Surroundings(), maps: Path | None = None
+) -> Remote:
+    """The policy at an address that the user has typed, wherever that is.
+
+    Args:
+        maps: a TOML file with `observation`, `action` and what else of `RemotePolicy` differs.
+
+    Raises:
+        BadPolicy: the address or the file is wrong; nothing was connected.
+    """
+    timeout = surroundings.timeout
+    declared = {"timeout": timeout, **(_read_maps(maps) if maps else {}), "url": url}
+    try:
+        spec = RemotePolicy.model_validate(declared)
+        return Remote.of_spec(spec, [egress.parse_url(url).place], surroundings)
+    except ValidationError as error:
+        fault = error.errors()[0]
+        place = ".".join(str(part) for part in fault["loc"])
+        raise BadPolicy(f"{maps or url}: {place}: {fault['msg']}.") from None
+    except egress.Forbidden as error:
+        raise BadPolicy(f"{error}.") from None
+
+
+def _read_maps(path: Path) -> dict[str, Any]:
+    try:
+        return tomllib.loads(path.read_text())
+    except (OSError, ValueError) as error:
+        raise BadPolicy(f"{path} is no TOML file that can be read: {error}.") from None
 
 
 def read_replay(folder: Path) -> Replayed:

@@ -20,23 +20,27 @@ from typing import Any
 import numpy as np
 from pydantic import BaseModel
 
-from hide_tasks.contract import Policy
+from hide_tasks.contract import InvalidAction, Policy
 from workers import wire
 
 PR_SET_PDEATHSIG = 1  # prctl(2)
 CHECKPOINT = "checkpoint:"  # then an absolute path: no class has such a name
+REMOTE = "remote:"  # then a `workers.remote.openpi.Target` as JSON
 
 
 def load(target: str) -> Policy:
-    """A new policy: `module:Class`, `path/to/file.py:Class` or `checkpoint:/path/to/file`.
+    """A new policy: `module:Class`, `path/to/file.py:Class`, `checkpoint:/path/to/file` or remote.
 
     Raises:
         TypeError: the class has no reset or no act.
-        ValueError: the file is no checkpoint that can be loaded; the message names the mismatch.
+        ValueError: the file is no checkpoint that can be loaded, or the server none that could be
+            played with; the message names the mismatch.
         Exception: whatever importing or constructing a class raises.
     """
     if target.startswith(f"{CHECKPOINT}/"):
         return _checkpoint(Path(target.removeprefix(CHECKPOINT)))
+    if target.startswith(f"{REMOTE}{{"):
+        return _remote(target.removeprefix(REMOTE))
     source, _, name = target.rpartition(":")
     module = _module_of_file(Path(source)) if source.endswith(".py") else _module(source)
     if not hasattr(module, name):
@@ -51,6 +55,12 @@ def load(target: str) -> Policy:
 def _checkpoint(path: Path) -> Policy:
     # By name: other policies do not wait for torch.
     policy: Policy = importlib.import_module("seek_model.policy").load(path)
+    return policy
+
+
+def _remote(target: str) -> Policy:
+    # By name: other policies need no WebSocket.
+    policy: Policy = importlib.import_module("workers.remote.openpi").load(target)
     return policy
 
 
@@ -81,6 +91,10 @@ class Host:
         self.policy = load(target)
         return {}
 
+    def open(self, patience: float) -> dict[str, Any]:
+        """What a remote policy has found out about its server, connected anew."""
+        return {"about": plain(self.policy.open(patience))}  # type: ignore[attr-defined]
+
     def reset(self, request: dict[str, Any]) -> dict[str, Any]:
         self.policy.reset(request["instruction"], request["policy_seed"])
         return {}
@@ -94,9 +108,11 @@ class Host:
         """The reply to a request {kind: content}; a policy's exception is a reply, too."""
         [(kind, content)] = request.items()
         answers: dict[str, Callable[[Any], dict[str, Any]]]
-        answers = {"load": self.load, "reset": self.reset, "act": self.act}
+        answers = {"load": self.load, "open": self.open, "reset": self.reset, "act": self.act}
         try:
             return answers[kind](content)
+        except InvalidAction as error:
+            return {"invalid": str(error)}
         except BaseException as error:  # a policy that calls sys.exit has failed as well
             traceback.print_exc()
             return {"error": "".join(traceback.format_exception_only(error)).strip()}

@@ -42,6 +42,7 @@ class PolicyProcess:
     Args:
         target: `module:Class` or `path/to/file.py:Class`.
         timeout: seconds for one answer.
+        first_timeout: seconds for an episode's first one, if that differs.
         log: file that takes what the policy prints; None throws it away.
         threads: how many threads its numeric libraries may use.
         sandbox: what is around it; None takes what the environment says, else the best.
@@ -56,6 +57,7 @@ class PolicyProcess:
         target: str,
         *,
         timeout: float,
+        first_timeout: float | None = None,
         log: Path | None = None,
         threads: int | None = None,
         sandbox: Sandbox | None = None,
@@ -63,6 +65,8 @@ class PolicyProcess:
     ):
         self.target = target
         self.timeout = timeout
+        self.first_timeout = first_timeout
+        self._first = True
         self.log = log
         self.threads = threads
         self.sandbox = chosen() if sandbox is None else sandbox
@@ -93,7 +97,7 @@ class PolicyProcess:
         """
         self.load()
         self._ask({"reset": {"instruction": instruction, "policy_seed": policy_seed}}, self.timeout)
-        self._belief = None
+        self._belief, self._first = None, True
 
     def act(self, observation: Observation) -> Any:
         """The action in its dictionary form, or whatever the policy answered.
@@ -101,7 +105,9 @@ class PolicyProcess:
         Raises:
             PolicyFailure: it raised, died, was late or answered what is no message.
         """
-        reply = self._ask({"act": wire.pack_observation(observation)}, self.timeout)
+        limit = self.first_timeout if self._first and self.first_timeout else self.timeout
+        reply = self._ask({"act": wire.pack_observation(observation)}, limit)
+        self._first = False
         try:
             said = reply["belief"]
             self._belief = None if said is None else Belief.model_validate(said)
@@ -137,6 +143,13 @@ class PolicyProcess:
         self._process.wait()
         self._launch.end()
         self._process = None
+
+    def kill(self) -> None:
+        """Kills the process and its children, from whatever thread; what is asked then fails."""
+        process = self._process
+        if process and process.returncode is None:
+            with contextlib.suppress(ProcessLookupError):
+                os.killpg(process.pid, signal.SIGKILL)
 
     def _start(self) -> None:
         ours, theirs = socket.socketpair()

@@ -16,9 +16,9 @@ code `episode_final` it says that the episode is committed, and the worker goes 
 import hashlib
 import json
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
-from pydantic import Base64Bytes, BaseModel, ConfigDict, Field
+from pydantic import Base64Bytes, BaseModel, ConfigDict, Field, model_validator
 
 from hide_tasks.contract import (
     Action,
@@ -29,6 +29,7 @@ from hide_tasks.contract import (
     Rules,
     Start,
 )
+from workers.remote.maps import ActionMap, ObservationMap, require_free_names
 from workers.sandbox.choice import Sandbox
 
 INTERNAL = "/internal/v1"
@@ -38,6 +39,7 @@ DEATHS = 3  # of the policy's process, by a signal, in one episode: then they ar
 
 Sha256 = Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
 Timeout = Annotated[float, Field(gt=0, le=3600)]  # s for one answer
+Dialect = Literal["hide", "roboarena", "openpi"]  # of the openpi wire: what says that it begins
 
 
 class _Message(BaseModel):
@@ -84,10 +86,41 @@ class ReplayPolicy(_Message):
     evaluation: str
 
 
-HostedPolicy = PythonPolicy | CheckpointPolicy  # in a process of its own
-NamedPolicy = Annotated[BuiltInPolicy | PythonPolicy | ReplayPolicy, Field(discriminator="kind")]
+class RemotePolicy(_Message):
+    """A policy that somebody serves; a worker connects to it, from a process of its own."""
+
+    kind: Literal["remote"] = "remote"
+    url: Annotated[str, Field(max_length=500)]
+    wire: Literal["openpi"] = "openpi"
+    dialect: Dialect | None = None  # None: what the server speaks; said at registration
+    observation: ObservationMap | None = None  # None: as a server of our dialect declares it
+    action: ActionMap | None = None
+    timeout: Timeout = 60.0
+    first_timeout: Timeout = 120.0  # s for an episode's first answer: some compile then
+    concurrency: Annotated[int, Field(ge=1, le=64)] | None = None  # episodes at a time
+    model: Annotated[str, Field(max_length=100)] = ""  # as the server calls it, at registration
+
+    @property
+    def stateless_transport(self) -> bool:
+        """True if nothing but a new connection tells the policy of a new episode."""
+        return self.dialect == "openpi"
+
+    @model_validator(mode="after")
+    def _maps_are_whole(self) -> Self:
+        if (self.observation is None) != (self.action is None):
+            raise ValueError("observation and action are declared together, or by the server")
+        if self.observation is not None:
+            require_free_names(self.observation)
+        return self
+
+
+HostedPolicy = PythonPolicy | CheckpointPolicy | RemotePolicy  # in a process of its own
+NamedPolicy = Annotated[
+    BuiltInPolicy | PythonPolicy | ReplayPolicy | RemotePolicy, Field(discriminator="kind")
+]
 PolicySpec = Annotated[
-    BuiltInPolicy | PythonPolicy | ReplayPolicy | CheckpointPolicy, Field(discriminator="kind")
+    BuiltInPolicy | PythonPolicy | ReplayPolicy | CheckpointPolicy | RemotePolicy,
+    Field(discriminator="kind"),
 ]
 
 
@@ -110,6 +143,7 @@ class ShardJob(_Message):
     rules: Rules = "hide"
     recordings: bool = True
     sources: str | None = None  # hash of the code that must play it; None: whatever is there
+    allowed: tuple[str, ...] = ()  # where else than on the internet a remote policy may be
     episode_limit: float  # s of wall time for one episode
     sandbox: str | None = None  # around the policy's process; None: the worker chooses
     hidden: tuple[Path, ...] = ()  # folders that no policy may see, on the server's machine

@@ -18,6 +18,7 @@ class Results(BaseModel):
 
     policy: str
     checkpoint: str | None = None  # SHA-256 of the policy's file, if it is one
+    remote: dict[str, str | int | bool] | None = None  # what its server said, if it is served
     suite: str
     version: int
     split: Split
@@ -38,6 +39,10 @@ class Results(BaseModel):
         for field in (same, "suite", "version", "split", "rules"):
             if getattr(self, field) != getattr(other, field):
                 return f"{field} {getattr(self, field)}, not {getattr(other, field)}"
+        if self.remote and other.remote:
+            for field in ("dialect", "model"):
+                if self.remote[field] != other.remote[field]:
+                    return f"{field} {self.remote[field]}, not {other.remote[field]}"
         for task in set(self.budgets) & set(other.budgets):
             if self.budgets[task] != other.budgets[task]:
                 return f"a budget of {self.budgets[task]} for {task}, not {other.budgets[task]}"

@@ -11,6 +11,7 @@ from hide_tasks.contract import DecisionRecord, EpisodeResult, EpisodeSpec, Poli
 from workers.policies import Hosted, PolicyChoice
 from workers.policy_process import PolicyDied, PolicyProcess
 from workers.protocol import DEATHS
+from workers.remote.target import RemoteProcess
 
 if TYPE_CHECKING:
     from hide_tasks.episode import Witness
@@ -80,6 +81,7 @@ def play_once(
     Raises:
         PolicyDied: it did so now, and not for the last time; nothing is kept of the episode.
         NotStarted: the policy's process cannot be started.
+        Unreachable: the policy's server was not there before the episode began.
         Exception: the simulator or the recording failed; a policy's failure is in the result.
     """
     from hide_tasks.episode import play  # only a process that plays pays for the simulator
@@ -119,7 +121,11 @@ _hosted: dict[Hosted, PolicyProcess] = {}
 
 
 def _policy(choice: PolicyChoice) -> Policy:
-    """A policy for one episode; one in a process of its own stays for the next episode."""
+    """A policy for one episode; one in a process of its own stays for the next episode.
+
+    Raises:
+        Unreachable: it is on another machine that cannot be reached now.
+    """
     if not isinstance(choice, Hosted):
         return choice.make()
     if choice not in _hosted:
@@ -127,8 +133,11 @@ def _policy(choice: PolicyChoice) -> Policy:
         _hosted[choice] = choice.make()
         # Runs at SIGTERM as well, which atexit does not.
         Finalize(None, _hosted[choice].close, exitpriority=0)
-    _hosted[choice].make_ready()
-    return _hosted[choice]
+    policy = _hosted[choice]
+    policy.make_ready()
+    if isinstance(policy, RemoteProcess):
+        policy.open()
+    return policy
 
 
 def close_policies() -> None:

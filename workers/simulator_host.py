@@ -32,6 +32,7 @@ from workers.protocol import (
     CheckpointPolicy,
     EpisodeCommit,
     PythonPolicy,
+    RemotePolicy,
     measured_digest,
 )
 from workers.simulator import EpisodeJob, close_policies, play_once
@@ -111,7 +112,8 @@ def choice(request: Play) -> policies.PolicyChoice:
     """The policy that a request names.
 
     Raises:
-        ValueError: a replay came without its actions, or a checkpoint without its file.
+        ValueError: a replay came without its actions, a checkpoint without its file, or a remote
+            policy with an address that is none.
     """
     policy = request.policy
     if isinstance(policy, BuiltInPolicy):
@@ -123,6 +125,9 @@ def choice(request: Play) -> policies.PolicyChoice:
             raise ValueError(f"{request.policy_name} came without the file of its checkpoint.")
         surroundings = _surroundings(request, policy.timeout)
         return policies.Checkpoint.of_file(request.checkpoint, policy.sha256, surroundings)
+    if isinstance(policy, RemotePolicy):
+        surroundings = policies.Surroundings(log=_log(), threads=1)
+        return policies.Remote.of_spec(policy, request.allowed, surroundings)
     if request.episode.actions is None:
         raise ValueError(
             f"{request.episode.spec.name} came without actions; a replay needs them with each "

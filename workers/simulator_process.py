@@ -22,7 +22,8 @@ from hide_tasks.contract import Rules
 from workers import wire
 from workers.engines.processes import THREAD_LIMITS
 from workers.policy_process import LOAD_LIMIT, PolicyDied
-from workers.protocol import AssignedEpisode, EpisodeCommit, HostedPolicy, PolicySpec
+from workers.protocol import AssignedEpisode, EpisodeCommit, HostedPolicy, PolicySpec, RemotePolicy
+from workers.remote.target import OPEN_LIMIT, PATIENCE
 from workers.sandbox.choice import Sandbox
 
 STALL_LIMIT = 60.0  # s without a decision, besides what the policy may take
@@ -47,15 +48,24 @@ class Play(BaseModel):
     sandbox: Sandbox | None = None  # around the policy's process, if it has one
     hidden: tuple[Path, ...] = ()  # folders that a class must not see
     deaths: int = 0  # how often a signal has ended the policy's process in this episode
+    allowed: tuple[str, ...] = ()  # where else than on the internet a remote policy may be
 
     def patience(self, decided: int | None) -> float:
         """Seconds until the next sign of life, after so many decisions; None: before the start."""
         if decided is None:
-            return START_LIMIT
+            opens = isinstance(self.policy, RemotePolicy)
+            return START_LIMIT + (begin_limit(self.policy) if opens else 0.0)
         if not isinstance(self.policy, HostedPolicy):
             return STALL_LIMIT
-        load = 0.0 if decided else LOAD_LIMIT + self.policy.timeout  # and the reset
+        load = 0.0 if decided else begin_limit(self.policy) + self.policy.timeout  # and the reset
         return load + self.policy.timeout + STALL_LIMIT
+
+
+def begin_limit(policy: PolicySpec) -> float:
+    """Seconds that a policy may take before its first answer, besides what any answer may take."""
+    if isinstance(policy, RemotePolicy):
+        return PATIENCE + OPEN_LIMIT + policy.first_timeout
+    return LOAD_LIMIT if isinstance(policy, HostedPolicy) else 0.0
 
 
 class SimulatorFailure(Exception):

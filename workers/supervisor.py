@@ -130,6 +130,7 @@ def _play(
             sandbox=sandbox,
             hidden=job.hidden,
             deaths=len(deaths),
+            allowed=job.allowed,
         )
         try:
             commit = _play_once(job, request, ledger, scratch)

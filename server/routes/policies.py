@@ -1,6 +1,7 @@
 """Policies and their versions."""
 
 import asyncio
+from collections.abc import Sequence
 from typing import Annotated
 
 from fastapi import Header, Query, Request, Response
@@ -13,8 +14,8 @@ from server.deps import Reading, TheHub, ThePrincipal
 from server.hub import Hub
 from server.problems import Problem, invalid
 from server.schemas import Description, PolicyCreate, PolicyName, PolicyVersionPublic
-from workers.policies import BadPolicy, Hosted, Surroundings
-from workers.protocol import PythonPolicy
+from workers.policies import BadPolicy, Hosted, Remote, Surroundings
+from workers.protocol import PythonPolicy, RemotePolicy
 
 router = Router(prefix="/policies", tags=["policies"])
 CHECK_LIMIT = 60.0  # s for importing and constructing a class
@@ -48,6 +49,9 @@ def register_policy(
         _require_loads(wanted.spec, hub.surroundings(wanted.spec.timeout))
         known = wanted.spec.model_copy(update={"sha256": wanted.spec.file_hash()})
         wanted = wanted.model_copy(update={"spec": known})
+    if isinstance(wanted.spec, RemotePolicy):
+        found = _known_server(wanted.spec, hub.settings.allow_remote)
+        wanted = wanted.model_copy(update={"spec": found})
     with hub.database.writing() as session:
         row = policies.register(
             session,
@@ -67,6 +71,17 @@ def _require_loads(spec: PythonPolicy, surroundings: Surroundings) -> None:
         Hosted(spec.target, surroundings).check(CHECK_LIMIT)
     except BadPolicy as error:
         raise invalid("spec.target", str(error)) from None
+
+
+def _known_server(spec: RemotePolicy, allowed: Sequence[str]) -> RemotePolicy:
+    """The policy with what its server says of itself; connects once, from a process of its own."""
+    try:
+        about = Remote.of_spec(spec, allowed).found()
+    except BadPolicy as error:
+        raise invalid("spec.url", str(error)) from None
+    concurrency = min(spec.concurrency or about.sessions, about.sessions)
+    changes = {"dialect": about.dialect, "model": about.model, "concurrency": concurrency}
+    return spec.model_copy(update=changes)
 
 
 RAW = {"required": True, "content": {"application/octet-stream": {"schema": {"format": "binary"}}}}

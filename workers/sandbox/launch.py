@@ -18,6 +18,7 @@ from workers.sandbox.view import View, code
 SCRATCH = "hide-worker-"  # then the process's id: begins the names of folders for a while
 HOST = "workers.policy_host"
 KEPT = ("PATH", "LANG", "LC_ALL", "LC_CTYPE", "TZ", "CUDA_VISIBLE_DEVICES", *THREAD_LIMITS)
+KEYS = "HIDE_REMOTE_KEYS"  # of policy servers: nothing for a policy to read
 NOBODY = "policy"  # who a closed process believes to be
 # What calculating libraries look at, and the accelerators, should there be any.
 PROC = ("/proc/cpuinfo", "/proc/meminfo", "/proc/stat", "/proc/driver/nvidia")
@@ -68,6 +69,7 @@ def launch(
         return _closed(connection, view, threads, host)
     path = os.pathsep.join(os.path.abspath(part) for part in sys.path)
     environment = {**os.environ, "PYTHONPATH": path, "PYTHONUNBUFFERED": "1"}
+    environment.pop(KEYS, None)
     # -P: the researcher's folder comes first only once our own modules are imported.
     command = [sys.executable, "-P", "-m", host, str(connection)]
     return Launch(command, environment | _threads(threads))

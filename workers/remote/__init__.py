@@ -1,0 +1,1 @@
+"""Policies on other machines: what is told to them, what they may answer, how they are reached."""
