@@ -12,6 +12,7 @@ from typing import Any, Literal, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from seek_model import other_formats
 from seek_model.config import Config
 
 FORMAT = "hide-seek-checkpoint 1"
@@ -89,6 +90,8 @@ def read_header(source: Path | bytes) -> Header:
     if isinstance(source, bytes):
         start, size = source[: 8 + LONGEST], len(source)
         return _header(start[8 : 8 + _length(start[:8], size)], size)
+    if known := other_formats.named(source):
+        raise BadCheckpoint(f"this is {known}")
     with source.open("rb") as file:
         size = source.stat().st_size
         return _header(file.read(_length(file.read(8), size)), size)
