@@ -1,4 +1,4 @@
-"""Checkpoints on their way in: received, looked at, loaded once, kept, and made a policy's version.
+"""Checkpoints on their way in: received, looked at, tried once, kept, and made a policy's version.
 
 Only the policy process of the one loading sees torch; here the file's header is read, no more.
 """
@@ -6,7 +6,7 @@ Only the policy process of the one loading sees torch; here the file's header is
 import asyncio
 import errno
 import hashlib
-from collections.abc import AsyncIterator, Callable, Iterator
+from collections.abc import AsyncIterator, Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple
@@ -20,7 +20,8 @@ from server.access import Principal
 from server.blobs import Blobs
 from server.models import Policy, PolicyVersion
 from server.problems import Problem, invalid
-from workers.policies import NO_TORCH, BadPolicy, Checkpoint, Surroundings, has_torch
+from workers.policies import MISMATCH, NO_TORCH, Checkpoint, Surroundings, has_torch
+from workers.preflight import Check, NotFit, preflight
 from workers.protocol import CheckpointPolicy
 
 CHECK_LIMIT = 300.0  # s for importing torch, building the network and reading its weights
@@ -113,17 +114,28 @@ def header_of(received: Received) -> Header:
         raise invalid("body", f"is no checkpoint: {error}") from None
 
 
-def require_loads(received: Received, surroundings: Surroundings) -> None:
-    """Loads it once, in a process of its own: better now than in every episode.
+def require_fit(received: Received, header: Header, surroundings: Surroundings) -> list[Check]:
+    """Tries it once, in a process of its own: better now than in every episode.
 
     Raises:
-        Problem: 422, it cannot be loaded, and what the first mismatch is.
+        Problem: 422, it cannot be loaded or does not act, and why; `checks` tells every step.
     """
+    told = f"{header.config.name}, {len(header.tensors)} tensors, {header.parameters:,} numbers"
+    looked = Check(name="header", outcome="passed", seconds=0.0, detail=told)
+    policy = Checkpoint.of_file(received.path, received.sha256, surroundings).make()
     try:
-        Checkpoint.of_file(received.path, received.sha256, surroundings).check(CHECK_LIMIT)
-    except BadPolicy as error:
-        reason = str(error).removeprefix(f"{received.path.name} ")
-        raise invalid("body", reason) from None
+        return [looked, *preflight(policy, CHECK_LIMIT)]
+    except NotFit as error:
+        raise _unfit([looked, *error.checks]) from None
+
+
+def _unfit(checks: Sequence[Check]) -> Problem:
+    failed = checks[-1]
+    what = "cannot be loaded" if failed.name == "load" else "does not act"
+    message = f"{what}: {failed.detail.removeprefix(MISMATCH)}"
+    fault = {"field": "body", "message": message}
+    said = [check.model_dump(mode="json") for check in checks]
+    return Problem(422, "invalid", f"body: {message}", [fault], members={"checks": said})
 
 
 def known(session: Session, name: str, sha256: str) -> PolicyVersion | None:
@@ -145,6 +157,7 @@ def keep(
     description: str,
     model: str,
     principal: Principal | None = None,
+    checks: Sequence[Check] = (),
 ) -> PolicyVersion:
     """The next version of a policy, whose file is in its place.
 
@@ -153,4 +166,6 @@ def keep(
     """
     blobs.note(session, received.sha256, received.size, blobs.CHECKPOINT)
     spec = CheckpointPolicy(sha256=received.sha256, size=received.size, model=model)
-    return policies.register(session, name, spec, description=description, principal=principal)
+    return policies.register(
+        session, name, spec, description=description, principal=principal, checks=checks
+    )

@@ -153,6 +153,7 @@ class PolicyVersion(Base):
     description: Mapped[str] = mapped_column(default="")
     spec: Mapped[dict[str, Any]]
     reference: Mapped[bool] = mapped_column(default=False)
+    checks: Mapped[list[Any] | None]  # what was tried of it when it came
     created: Mapped[datetime] = mapped_column(default=now)
     policy: Mapped[Policy] = relationship(back_populates="versions", lazy="joined")
 

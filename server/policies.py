@@ -1,6 +1,7 @@
 """Policies and their versions: registered, found by name or id."""
 
 import difflib
+from collections.abc import Sequence
 
 from sqlalchemy import func, select
 from sqlalchemy.orm import Session
@@ -10,6 +11,7 @@ from server.models import Evaluation, Policy, PolicyVersion, new_id
 from server.problems import Problem, invalid
 from server.schemas import PolicyVersionPublic
 from workers.policies import BUILTIN
+from workers.preflight import Check
 from workers.protocol import BuiltInPolicy, PolicySpec, ReplayPolicy
 
 ABOUT = {
@@ -58,11 +60,13 @@ def register(
     description: str = "",
     reference: bool = False,
     principal: Principal | None = None,
+    checks: Sequence[Check] = (),
 ) -> PolicyVersion:
     """A policy's next version; whose first one it is owns the policy.
 
     Args:
         principal: who registers it; None for the server itself.
+        checks: what was tried of it before.
 
     Raises:
         Problem: the name is a built-in policy's or somebody else's, or the replay's evaluation
@@ -89,6 +93,7 @@ def register(
         description=description,
         spec=spec.model_dump(mode="json"),
         reference=reference,
+        checks=[check.model_dump(mode="json") for check in checks],
     )
     session.add(version)
     session.flush()
@@ -144,5 +149,6 @@ def public(version: PolicyVersion) -> PolicyVersionPublic:
             "reference": version.reference,
             "created": version.created,
             "owner": version.policy.owner and version.policy.owner.name,
+            "checks": version.checks or [],
         }
     )

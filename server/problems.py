@@ -24,6 +24,7 @@ class Problem(Exception):
         detail: one sentence for people.
         errors: `{field, message}` of each field that is wrong.
         headers: that the answer has.
+        members: more of the document, by name.
     """
 
     def __init__(
@@ -33,10 +34,11 @@ class Problem(Exception):
         detail: str,
         errors: Sequence[Mapping[str, str]] = (),
         headers: Mapping[str, str] | None = None,
+        members: Mapping[str, Any] | None = None,
     ):
         super().__init__(detail)
         self.status, self.code, self.detail = status, code, detail
-        self.headers = dict(headers or {})
+        self.headers, self.members = dict(headers or {}), dict(members or {})
         self.errors = [dict(error) for error in errors]
 
     @property
@@ -55,7 +57,7 @@ class Problem(Exception):
             "code": self.code,
             "detail": self.detail,
         }
-        return members | ({"errors": self.errors} if self.errors else {})
+        return members | ({"errors": self.errors} if self.errors else {}) | self.members
 
 
 def not_found(what: str, name: str) -> Problem:

@@ -23,6 +23,7 @@ from hide_tasks.contract import (
 from hide_tasks.statistics import Rate
 from server.access import Role, Scope
 from server.states import AttemptState, Desired, EpisodeState, EvaluationState
+from workers.preflight import Check
 from workers.protocol import NamedPolicy, PolicySpec
 from workers.sandbox.choice import Sandbox
 
@@ -92,6 +93,7 @@ class PolicyVersionPublic(BaseModel):
     reference: bool  # a built-in policy, shown beside the ranking
     created: datetime
     owner: str | None  # name of a user; null: the server's own
+    checks: list[Check]  # what was tried of it when it came
 
 
 class UploadMetadata(_Given):

@@ -133,12 +133,12 @@ def taken(
     hub: Hub, principal: Principal, received: Received, name: str, description: str
 ) -> tuple[PolicyVersionPublic, bool]:
     """The version that plays this file, and whether it is a new one."""
-    model = checkpoints.header_of(received).config.name
+    header = checkpoints.header_of(received)
     with hub.database.reading() as session:
         if there := checkpoints.known(session, name, received.sha256):
             return policies.public(there), False
         quotas.require_room(session, principal, hub.settings, received.size)
-    checkpoints.require_loads(received, hub.surroundings())
+    checks = checkpoints.require_fit(received, header, hub.surroundings())
     hub.blobs.take(received.path, received.sha256)
     with hub.database.writing() as session:
         row = checkpoints.keep(
@@ -146,8 +146,9 @@ def taken(
             received,
             name=name,
             description=description,
-            model=model,
+            model=header.config.name,
             principal=principal,
+            checks=checks,
         )
         quotas.require_room(session, principal, hub.settings, 0)
         return policies.public(row), True

@@ -48,7 +48,7 @@ def written(path: Path, **changes: Any) -> Path:
 
 
 WRONG = {
-    "not safetensors": (b"\x80\x04pickled", "no safetensors file"),
+    "not safetensors": (b"\x80\x04pickled", "this is a pickle"),
     "short": (b"12", "a file of 2 bytes"),
     "truncated": (content()[:-4], "4 follow the header"),
     "cut in its header": (content()[:40], "ends within its header"),

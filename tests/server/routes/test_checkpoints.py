@@ -77,6 +77,9 @@ def test_a_checkpoint_becomes_a_version(here: TestClient, tiny: bytes) -> None:
         "model": tiny_config().name,
         "timeout": 60.0,
     }
+    names = [(check["name"], check["outcome"]) for check in version["checks"]]
+    assert names == [(name, "passed") for name in ("header", "load", "decision", "repetition")]
+    assert version["checks"][0]["detail"].startswith(f"{tiny_config().name}, ")
     hub = hub_of(here)
     assert files(hub) == [hub.blobs.path(sha256)]
     assert hub.blobs.path(sha256).read_bytes() == tiny
@@ -156,10 +159,13 @@ def test_what_is_no_checkpoint_is_refused(shared: TestClient, wrong: str) -> Non
 
 
 def test_weights_that_fit_no_network_are_named(shared: TestClient) -> None:
-    detail = refused(shared, upload(shared, checkpoint_files.content()), 422)
+    answer = upload(shared, checkpoint_files.content())
+    detail = refused(shared, answer, 422)
 
     assert detail.startswith("body: cannot be loaded: tensor ")
     assert "BadCheckpoint" not in detail
+    names = [(check["name"], check["outcome"]) for check in answer.json()["checks"]]
+    assert names == [("header", "passed"), ("load", "failed")]
 
 
 def test_nan_is_named(shared: TestClient, tiny: bytes) -> None:
