@@ -12,11 +12,12 @@ SAFETENSORS = b"{"  # after eight bytes of length, which may be like any format'
 ZIP, PICKLE, GZIP, HDF5 = b"PK\x03\x04", b"\x80", b"\x1f\x8b", b"\x89HDF\r\n"
 PROTOCOLS = range(2, 6)  # of pickles
 ONNX_VERSION = 0x08  # the first field of an ONNX model: its version, as a number
+SAVED = "a file of torch.save, a pickle"
 ARCHIVES = {  # by a name that only such an archive has in it; the first that fits
     b"/constants.pkl": "TorchScript, a program: it would run code of its author's",
     b"/archive_format": "an archive of torch.export (.pt2), which may hold pickles and libraries",
     b"/aotinductor": "an archive of AOTInductor (.pt2), which holds compiled libraries",
-    b"/data.pkl": "a file of torch.save, a pickle",
+    b"/data.pkl": SAVED,
 }
 
 
@@ -31,6 +32,15 @@ def named(path: Path) -> str | None:
         file.seek(max(0, path.stat().st_size - LOOK))
         what = None if start[8:9] == SAFETENSORS else _kind(start, file.read())
     return f"{what}. {AS_CHECKPOINT}" if what else None
+
+
+def is_saved(path: Path) -> bool:
+    """True if a file is of torch.save; a server can convert it.
+
+    Raises:
+        OSError: it cannot be read.
+    """
+    return (named(path) or "").startswith(SAVED)
 
 
 def _kind(start: bytes, end: bytes) -> str | None:

@@ -9,18 +9,28 @@ import hashlib
 from collections.abc import AsyncIterator, Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from time import monotonic
 from typing import NamedTuple
 
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from seek_model.checkpoint_header import BadCheckpoint, Header, read_header
+from seek_model.other_formats import is_saved
 from server import blobs, policies
 from server.access import Principal
 from server.blobs import Blobs
 from server.models import Policy, PolicyVersion
 from server.problems import Problem, invalid
-from workers.policies import MISMATCH, NO_TORCH, Checkpoint, Surroundings, has_torch
+from workers.conversion import convert
+from workers.policies import (
+    MISMATCH,
+    NO_TORCH,
+    BadPolicy,
+    Checkpoint,
+    Surroundings,
+    has_torch,
+)
 from workers.preflight import Check, NotFit, preflight
 from workers.protocol import CheckpointPolicy
 
@@ -112,6 +122,32 @@ def header_of(received: Received) -> Header:
         return read_header(received.path)
     except BadCheckpoint as error:
         raise invalid("body", f"is no checkpoint: {error}") from None
+
+
+@contextmanager
+def as_checkpoint(
+    store: Blobs, received: Received, surroundings: Surroundings, limit: int
+) -> Iterator[tuple[Received, list[Check]]]:
+    """The checkpoint in what came in, converted if it is a file of torch.save.
+
+    Raises:
+        Problem: 422, it holds none, and why.
+    """
+    if not is_saved(received.path):
+        yield received, []
+        return
+    with receiving(store) as part:
+        begun = monotonic()
+        try:
+            convert(received.path, part, surroundings, most=limit, limit=CHECK_LIMIT)
+        except BadPolicy as error:
+            raise invalid("body", f"is no checkpoint: {error}") from None
+        seconds = round(monotonic() - begun, 3)
+        told = f"a file of torch.save, SHA-256 {received.sha256}"
+        done = Check(name="conversion", outcome="passed", seconds=seconds, detail=told)
+        with part.open("rb") as file:
+            sha256 = hashlib.file_digest(file, "sha256").hexdigest()
+        yield Received(part, sha256, part.stat().st_size), [done]
 
 
 def require_fit(received: Received, header: Header, surroundings: Surroundings) -> list[Check]:

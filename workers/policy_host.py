@@ -91,6 +91,16 @@ class Host:
         self.policy = load(target)
         return {}
 
+    def convert(self, path: str) -> dict[str, Any]:
+        """Reads a file of torch.save as a checkpoint, for `piece`."""
+        self.checkpoint: bytes = importlib.import_module("seek_model.conversion").converted(
+            Path(path)
+        )
+        return {"size": len(self.checkpoint)}
+
+    def piece(self, bounds: list[int]) -> dict[str, Any]:
+        return {"piece": self.checkpoint[bounds[0] : bounds[1]]}
+
     def open(self, patience: float) -> dict[str, Any]:
         """What a remote policy has found out about its server, connected anew."""
         return {"about": plain(self.policy.open(patience))}  # type: ignore[attr-defined]
@@ -108,7 +118,14 @@ class Host:
         """The reply to a request {kind: content}; a policy's exception is a reply, too."""
         [(kind, content)] = request.items()
         answers: dict[str, Callable[[Any], dict[str, Any]]]
-        answers = {"load": self.load, "open": self.open, "reset": self.reset, "act": self.act}
+        answers = {
+            "load": self.load,
+            "open": self.open,
+            "reset": self.reset,
+            "act": self.act,
+            "convert": self.convert,
+            "piece": self.piece,
+        }
         try:
             return answers[kind](content)
         except InvalidAction as error:

@@ -29,7 +29,7 @@ SEED = 0
 HEIGHT = 0.8  # m of every camera over the table
 FOCAL = 160.0  # pixels: about what the shoulders' cameras have
 
-Name = Literal["header", "load", "decision", "repetition"]
+Name = Literal["conversion", "header", "load", "decision", "repetition"]
 
 
 class Check(BaseModel):

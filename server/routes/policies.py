@@ -15,6 +15,7 @@ from server.hub import Hub
 from server.problems import Problem, invalid
 from server.schemas import Description, PolicyCreate, PolicyName, PolicyVersionPublic
 from workers.policies import BadPolicy, Hosted, Remote, Surroundings
+from workers.preflight import Check
 from workers.protocol import PythonPolicy, RemotePolicy
 
 router = Router(prefix="/policies", tags=["policies"])
@@ -133,6 +134,19 @@ def taken(
     hub: Hub, principal: Principal, received: Received, name: str, description: str
 ) -> tuple[PolicyVersionPublic, bool]:
     """The version that plays this file, and whether it is a new one."""
+    limit = hub.settings.checkpoint_limit
+    with checkpoints.as_checkpoint(hub.blobs, received, hub.surroundings(), limit) as (one, done):
+        return _kept(hub, principal, one, name, description, done)
+
+
+def _kept(
+    hub: Hub,
+    principal: Principal,
+    received: Received,
+    name: str,
+    description: str,
+    done: Sequence[Check],
+) -> tuple[PolicyVersionPublic, bool]:
     header = checkpoints.header_of(received)
     with hub.database.reading() as session:
         if there := checkpoints.known(session, name, received.sha256):
@@ -148,7 +162,7 @@ def taken(
             description=description,
             model=header.config.name,
             principal=principal,
-            checks=checks,
+            checks=[*done, *checks],
         )
         quotas.require_room(session, principal, hub.settings, 0)
         return policies.public(row), True

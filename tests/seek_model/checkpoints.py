@@ -1,11 +1,13 @@
 """Checkpoints of small networks that were never trained."""
 
 from pathlib import Path
+from typing import Any
 
 import torch
+from safetensors.torch import load_file
 
 from seek_model import checkpoint
-from seek_model.checkpoint_header import Provenance
+from seek_model.checkpoint_header import Provenance, read_header
 from seek_model.config import Config
 from seek_model.network import Network
 from tests.seek_model.tiny import tiny
@@ -29,3 +31,13 @@ def tiny_checkpoint(path: Path, config: Config | None = None, seed: int = 0) -> 
     )
     checkpoint.save(path, checkpoint.weights(Network(config.model)), config, provenance)
     return path
+
+
+def parts_of(path: Path) -> dict[str, Any]:
+    """What torch.save is given to write the checkpoint in a file."""
+    header = read_header(path)
+    return {
+        "config": header.config.model_dump(mode="json"),
+        "provenance": header.provenance.model_dump_json(),
+        "weights": load_file(path),
+    }

@@ -9,12 +9,14 @@ from urllib.parse import urlsplit
 
 import httpx
 import pytest
+import torch
 
+from seek_model.checkpoint_header import read_header
 from server import blobs, jobs, lifecycle
 from server.hub import Hub
 from server.models import Blob
 from tests.processes import wait_for
-from tests.seek_model.checkpoints import tiny_checkpoint
+from tests.seek_model.checkpoints import parts_of, tiny_checkpoint
 from tests.seek_model.tiny import tiny as tiny_config
 from tests.server import ledgers
 from tests.server.clients import (
@@ -87,6 +89,25 @@ def test_a_checkpoint_becomes_a_version(here: TestClient, tiny: bytes) -> None:
         assert session.get_one(Blob, sha256).media_type == blobs.CHECKPOINT
     hub.blobs.clear_parts()
     assert hub.blobs.holds(sha256)
+
+
+def test_a_file_of_torch_save_is_converted_and_known_again(
+    here: TestClient, tiny: bytes, tmp_path: Path
+) -> None:
+    (tmp_path / "tiny.safetensors").write_bytes(tiny)
+    torch.save(parts_of(tmp_path / "tiny.safetensors"), tmp_path / "tiny.pt")
+    saved = (tmp_path / "tiny.pt").read_bytes()
+
+    first, again = upload(here, saved), upload(here, saved)
+
+    assert [answer.status_code for answer in (first, again)] == [201, 200]
+    version = first.json()
+    assert again.json() == version
+    assert version["checks"][0]["name"] == "conversion"
+    assert hashlib.sha256(saved).hexdigest() in version["checks"][0]["detail"]
+    hub = hub_of(here)
+    assert files(hub) == [hub.blobs.path(version["spec"]["sha256"])]
+    assert read_header(files(hub)[0]).config == tiny_config()
 
 
 def test_a_worker_gets_the_file_of_its_attempt(here: TestClient) -> None:
