@@ -1,6 +1,7 @@
 """The proofs of what a score means: committed ones hold, and the computation is right."""
 
 import itertools
+from statistics import NormalDist
 
 import numpy as np
 import pytest
@@ -30,24 +31,11 @@ QUICKLY_EXPLORED = (  # and of one shape, so that one layout gives the whole cei
     "reopen_drawer",
     "weighing_on_off",
 )
-CERTIFIED = tuple(name for name in ALL_TASKS if committed(name))
-NOT_YET = {  # their proofs are being computed
-    "change_channel_times",
-    "lift_and_check",
-    "pour_put_back",
-    "search_boxes",
-    "search_cup_from_cabinet",
-    "search_drawer",
-    "stack_blocks",
-    "stack_blocks_new",
-    "stack_cups_new",
-    "swap_square_pegs",
-}
+NOT_YET = {"swap_square_pegs"}
+CERTIFIED = tuple(name for name in ALL_TASKS if name not in NOT_YET)
+LOOKS = len(ALL_TASKS) * len(VERDICTS) * (1 + len(ADVERSARIES))
+FAMILY = NormalDist().inv_cdf(1 - 0.05 / LOOKS)  # Bonferroni: one in twenty that any is over it
 every_task = pytest.mark.parametrize("name", CERTIFIED)
-
-
-def test_every_task_but_those_that_are_named_is_certified():
-    assert set(ALL_TASKS) - set(CERTIFIED) == NOT_YET
 
 
 @every_task
@@ -73,10 +61,12 @@ def test_every_declared_pair_was_verified_on_real_episodes(name):
 @pytest.mark.parametrize("verdict", VERDICTS)
 @pytest.mark.parametrize("policy", ["amnesiac", *ADVERSARIES])
 def test_no_policy_without_memory_beats_the_computed_ceiling(name, verdict, policy):
+    """One look in forty is over it by chance: the interval is that of all looks together."""
     document = committed(name)
     measured = {"amnesiac": document["amnesiac"], **document["adversaries"]}[policy]
     rolls = ROLLS if policy == "amnesiac" else 1
-    low, _ = wilson(round(measured[verdict]["rate"] * measured["episodes"]), measured["episodes"])
+    successes = round(measured[verdict]["rate"] * measured["episodes"])
+    low, _ = wilson(successes, measured["episodes"], FAMILY)
 
     assert measured["episodes"] == rolls * suite.SPLITS["test"]
     assert low <= document["ceilings"][verdict]
