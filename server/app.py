@@ -14,6 +14,7 @@ from server.admission import Admission
 from server.guard import Guard
 from server.hub import Hub
 from server.routes import (
+    batches,
     catalogue,
     episodes,
     evaluations,
@@ -94,6 +95,15 @@ def _described(app: FastAPI) -> dict[str, Any]:
 
 def _api() -> APIRouter:
     api = APIRouter()
-    for routes in (catalogue, policies, uploads, evaluations, episodes, people, health):
+    for routes in (
+        catalogue,
+        policies,
+        uploads,
+        evaluations,
+        batches,
+        episodes,
+        people,
+        health,
+    ):
         api.include_router(routes.router)
     return api

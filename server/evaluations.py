@@ -12,7 +12,7 @@ from sqlalchemy.orm import Session
 from hide_tasks import ALL_TASKS, UnknownTask, load, suite
 from hide_tasks.contract import EpisodeSpec
 from hide_tasks.sources import sources_hash
-from server import lifecycle, policies
+from server import lifecycle, policies, suites
 from server.models import Attempt, Episode, Evaluation, Event, Policy, PolicyVersion, Shard
 from server.paging import after, page
 from server.problems import invalid, not_found
@@ -67,7 +67,9 @@ def create(
         Problem: 422, no such policy, task or number of episodes; 422, the key was used for
             another request.
     """
-    digest = hashlib.sha256(wanted.model_dump_json().encode()).hexdigest()
+    wanted = suites.resolved(wanted)
+    asked = wanted.model_dump_json(exclude={"suite"})
+    digest = hashlib.sha256(asked.encode()).hexdigest()
     if idempotency_key is not None:
         idempotency_key = hashlib.sha256(f"{owner} {idempotency_key}".encode()).hexdigest()
         known = select(Evaluation).where(Evaluation.idempotency_key == idempotency_key)
@@ -155,7 +157,7 @@ def get(session: Session, id: str) -> EvaluationPublic:
 
 def public(session: Session, evaluation: Evaluation) -> EvaluationPublic:
     """An evaluation as the API gives it out."""
-    return _public_all(session, [evaluation])[0]
+    return public_all(session, [evaluation])[0]
 
 
 def listed(
@@ -179,7 +181,7 @@ def listed(
     if place := after(cursor, [str]):
         wanted = wanted.where(Evaluation.id < place[0])
     rows = session.scalars(wanted).all()
-    shown = {one.id: one for one in _public_all(session, rows[:limit])}
+    shown = {one.id: one for one in public_all(session, rows[:limit])}
     return page(rows, limit, lambda one: [one.id], lambda one: shown[one.id])
 
 
@@ -267,7 +269,8 @@ def _per_minute(session: Session, evaluation: Evaluation) -> float | None:
     return 60 * (len(times) - 1) / (times[0] - times[-1]).total_seconds()
 
 
-def _public_all(session: Session, rows: Sequence[Evaluation]) -> list[EvaluationPublic]:
+def public_all(session: Session, rows: Sequence[Evaluation]) -> list[EvaluationPublic]:
+    """Evaluations as the API gives them out, in the order given."""
     ids = [one.id for one in rows]
     counted, closed = counts(session, ids), _sandboxes(session, ids)
     return [
@@ -285,6 +288,7 @@ def _public(
         "policy_version": version.id,
         "reference": version.reference,
         "suite": f"{one.suite} {one.suite_version}",
+        "covers": suites.covers(one),
         "reason": one.reason or _why_it_waits(session, one),
         "progress": progress(session, one, counted),
         "verdicts": verdicts(counted),

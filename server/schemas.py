@@ -30,6 +30,8 @@ Item = TypeVar("Item")
 Verdict = Literal["success", "exact"]
 PolicyName = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9 _.:+-]{0,79}$")]
 Description = Annotated[str, Field(max_length=2000)]
+SuiteName = Literal["smoke", "RC", "HSR", "EPT", "full"]
+Covers = Literal["smoke", "RC", "HSR", "EPT", "full", "part"]
 
 
 class _Given(BaseModel):
@@ -123,7 +125,8 @@ class EvaluationCreate(_Given):
     policy: Annotated[str, Field(min_length=1, max_length=100)]  # name, name@version, or id
     tasks: Annotated[list[str], Field(min_length=1)] | None = None  # default: all
     category: Category | None = None  # only tasks of this kind
-    split: Split = "test"
+    suite: SuiteName | None = None  # instead of tasks, category and episodes
+    split: Split = "test"  # of `smoke`: val
     episodes: Annotated[int, Field(ge=1, strict=True)] | None = None  # per task, the first; all
     rules: Rules = "hide"
     priority: Annotated[int, Field(ge=-100, le=100, strict=True)] = 0  # higher goes first
@@ -131,9 +134,10 @@ class EvaluationCreate(_Given):
 
 
 class Matrix(_Given):
-    """Every policy with the same evaluation."""
+    """Every policy with the same evaluation, or with each of some suites."""
 
     policies: Annotated[list[str], Field(min_length=1, max_length=200)]
+    suites: Annotated[list[SuiteName], Field(min_length=1, max_length=5)] | None = None
     tasks: Annotated[list[str], Field(min_length=1)] | None = None
     category: Category | None = None
     split: Split = "test"
@@ -144,7 +148,7 @@ class Matrix(_Given):
 
 
 class BatchCreate(_Given):
-    """Many evaluations at once: listed one by one, or a matrix."""
+    """Many evaluations at once, 200 at most: listed one by one, or a matrix."""
 
     items: Annotated[list[dict[str, Any]], Field(max_length=200)] = []
     matrix: Matrix | None = None
@@ -176,6 +180,7 @@ class EvaluationPublic(BaseModel):
     rules: Rules
     tasks: list[str]
     episodes: int  # per task
+    covers: Covers  # the suite that these are the whole of
     priority: int
     recordings: bool
     created: datetime
@@ -196,8 +201,19 @@ class BatchItem(BaseModel):
     problem: dict[str, Any] | None = None
 
 
-class Batch(BaseModel):
-    """What became of every item, in the order given."""
+class BatchPublic(BaseModel):
+    """A batch in numbers."""
+
+    id: str
+    created: datetime
+    owner: str | None  # name of a user
+    expected: int  # items that were asked for
+    accepted: int  # of which there is an evaluation
+    refused: int  # fewer together than expected: it broke off; its key and request go on
+
+
+class Batch(BatchPublic):
+    """What became of every item, in the order given; of a matrix, suite after suite."""
 
     items: list[BatchItem]
 
