@@ -8,7 +8,7 @@ from fastapi import APIRouter, FastAPI
 from fastapi.openapi.utils import get_openapi
 
 from hide_tasks.machine import installed
-from server import problems
+from server import problems, revalidation
 from server.access import require_declared
 from server.admission import Admission
 from server.guard import Guard
@@ -20,9 +20,12 @@ from server.routes import (
     evaluations,
     health,
     internal,
+    labels,
     people,
     policies,
+    snapshots,
     uploads,
+    waiting,
 )
 from server.schemas import ProblemDocument
 from server.settings import Settings
@@ -30,6 +33,7 @@ from workers.protocol import INTERNAL
 
 API = "/api/v1"
 PROBLEM = {problems.MEDIA_TYPE: {"schema": {"$ref": "#/components/schemas/ProblemDocument"}}}
+UNCHANGED = {"description": "The client has it: its ETag is in If-None-Match."}
 ANY_PROBLEM: dict[int | str, dict[str, Any]] = {
     401: {"description": "It is not known who asks.", "content": PROBLEM},
     403: {"description": "Whoever asks may not.", "content": PROBLEM},
@@ -74,12 +78,13 @@ def create_app(settings: Settings) -> FastAPI:
     app.include_router(internal.router, prefix=INTERNAL, include_in_schema=False)
     app.add_middleware(Guard, hosts=settings.hosts)
     problems.install(app)
+    revalidation.install(app)
     app.openapi = lambda: _described(app)  # type: ignore[method-assign]
     return app
 
 
 def _described(app: FastAPI) -> dict[str, Any]:
-    """The OpenAPI document, with the problems that every route may answer."""
+    """The OpenAPI document, with what every route may answer."""
     if app.openapi_schema is None:
         document = get_openapi(
             title=app.title,
@@ -89,6 +94,9 @@ def _described(app: FastAPI) -> dict[str, Any]:
         )
         problem = ProblemDocument.model_json_schema()
         document["components"]["schemas"]["ProblemDocument"] = problem
+        for path in document["paths"].values():
+            if "get" in path:
+                path["get"]["responses"]["304"] = UNCHANGED
         app.openapi_schema = document
     return app.openapi_schema
 
@@ -101,7 +109,10 @@ def _api() -> APIRouter:
         uploads,
         evaluations,
         batches,
+        waiting,
         episodes,
+        labels,
+        snapshots,
         people,
         health,
     ):

@@ -6,7 +6,7 @@ from datetime import timedelta
 from functools import cache
 from typing import Any, NamedTuple
 
-from sqlalchemy import Integer, case, cast, func, select
+from sqlalchemy import Integer, Select, case, cast, func, select
 from sqlalchemy.orm import Session
 
 from hide_tasks import ALL_TASKS, UnknownTask, load, suite
@@ -187,26 +187,32 @@ def listed(
 
 def attempts(session: Session, id: str) -> list[AttemptPublic]:
     """Every attempt at an evaluation's shards, the newest first."""
-    found = (
-        select(Attempt)
-        .join(Shard)
-        .where(Shard.evaluation_id == row(session, id).id)
-        .order_by(Attempt.id.desc())
-    )
-    return [
-        AttemptPublic.model_validate(
-            {
-                "id": attempt.id,
-                "task": attempt.shard.task,
-                "fence": attempt.fence,
-                "state": attempt.state,
-                "reason": attempt.reason,
-                "leased": attempt.leased,
-                "ended": attempt.ended,
-            }
-        )
-        for attempt in session.scalars(found)
-    ]
+    return [_attempt(one) for one in session.scalars(_attempts(row(session, id).id))]
+
+
+def attempts_listed(
+    session: Session, id: str, *, limit: int = 50, cursor: str | None = None
+) -> Page[AttemptPublic]:
+    """Attempts at an evaluation's shards, the newest first.
+
+    Raises:
+        Problem: 422, the cursor is not ours.
+    """
+    wanted = _attempts(row(session, id).id).limit(limit + 1)
+    if place := after(cursor, [str]):
+        wanted = wanted.where(Attempt.id < place[0])
+    return page(session.scalars(wanted).all(), limit, lambda one: [one.id], _attempt)
+
+
+def _attempts(evaluation: str) -> Select[Attempt]:
+    wanted = select(Attempt).join(Shard).where(Shard.evaluation_id == evaluation)
+    return wanted.order_by(Attempt.id.desc())
+
+
+def _attempt(one: Attempt) -> AttemptPublic:
+    same = ("id", "fence", "state", "reason", "leased", "ended")
+    fields = {name: getattr(one, name) for name in same}
+    return AttemptPublic.model_validate(fields | {"task": one.shard.task})
 
 
 def last_event(session: Session, evaluation: str) -> int:

@@ -97,9 +97,11 @@ def get_evaluation(evaluation: str, session: Reading) -> EvaluationPublic:
 
 @router.get("/evaluations/{evaluation}/attempts")
 @needs(Scope.READ)
-def list_attempts(evaluation: str, session: Reading) -> list[AttemptPublic]:
+def list_attempts(
+    evaluation: str, session: Reading, limit: Limit = 50, cursor: Cursor = None
+) -> Page[AttemptPublic]:
     """Every try at one of its shards, the newest first."""
-    return evaluations.attempts(session, evaluation)
+    return evaluations.attempts_listed(session, evaluation, limit=limit, cursor=cursor)
 
 
 @router.get("/evaluations/{evaluation}/failures")

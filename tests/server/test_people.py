@@ -177,7 +177,7 @@ def test_a_token_is_told_once_and_kept_as_a_hash(app: FastAPI) -> None:
     asking = visitor(app, token_of(app, "submitter"))
 
     made = asking.post(f"{API}/tokens", json={"name": "ci", "scopes": ["read"]})
-    listed = asking.get(f"{API}/tokens").json()
+    listed = asking.get(f"{API}/tokens").json()["items"]
 
     token = made.json()["token"]
     assert made.status_code == 201 and credentials.parts(token)[0] == made.json()["id"]

@@ -89,7 +89,7 @@ def test_resuming_over_rest(here: TestClient) -> None:
         worker = Worker(hub_of(here), here)
         ended(hub_of(here), worker, "out of memory")
     assert here.get(path).json()["state"] == "incomplete"
-    attempts = here.get(f"{path}/attempts").json()
+    attempts = here.get(f"{path}/attempts").json()["items"]
 
     answer = here.post(f"{path}/resumption")
 
@@ -117,7 +117,7 @@ def test_a_restart_takes_back_what_was_handed_out(tmp_path: Path) -> None:
 
     with client(tmp_path) as here:
         stands = here.get(f"{API}/evaluations/{id}").json()
-        attempts = here.get(f"{API}/evaluations/{id}/attempts").json()
+        attempts = here.get(f"{API}/evaluations/{id}/attempts").json()["items"]
         worker.client = here
         late = worker.finish(worker.episodes[1])
 

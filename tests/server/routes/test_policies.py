@@ -20,7 +20,7 @@ def test_versions_of_a_policy(here: TestClient) -> None:
 
 
 def test_the_built_in_policies_are_references(reader: TestClient) -> None:
-    found = reader.get(f"{API}/policies").json()
+    found = reader.get(f"{API}/policies").json()["items"]
 
     assert {one["policy"] for one in found} == {"expert", "amnesiac", "random", "noop"}
     assert all(one["reference"] and one["version"] == 1 for one in found)
