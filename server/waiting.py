@@ -107,7 +107,7 @@ def _stopped(hub: Hub) -> Why | None:
 def _reason(busy: dict[str, int], one: Waiting, before: int) -> Why:
     spec = one.evaluation.policy_version.spec
     playing = busy.get(str(spec.get("url")), 0)
-    if spec.get("url") and playing >= spec.get("concurrency", 1):
+    if spec.get("url") and playing >= (spec.get("concurrency") or 1):
         return QueueReason.POLICY_BUSY, f"Its policy's server plays {playing} shards, its most."
     if before:
         return QueueReason.OTHERS_FIRST, f"{before} shards of others are handed out before."
@@ -119,7 +119,8 @@ def _reason(busy: dict[str, int], one: Waiting, before: int) -> Why:
 
 def workers(session: Session, hub: Hub) -> Workers:
     """What is handed out, and how far each is."""
-    wanted = select(Attempt).where(Attempt.state == AttemptState.OPEN).order_by(Attempt.id)
+    wanted = select(Attempt).where(Attempt.state == AttemptState.OPEN)
+    wanted = wanted.order_by(Attempt.leased, Attempt.id)
     items = [_worker(attempt) for attempt in session.scalars(wanted)]
     playing = sum(one.doing != "begins" for one in items)
     return Workers(slots=hub.settings.workers, playing=playing, items=items)

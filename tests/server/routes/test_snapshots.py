@@ -174,7 +174,7 @@ def test_two_policies_are_compared_on_the_same_episodes(
 
 
 def test_a_discordant_episode_leads_to_both(site: tuple[TestClient, dict[str, str]]) -> None:
-    here, ids = site
+    here, _ = site
 
     first = compared(here, "good", "poor")["discordant"][0]
 

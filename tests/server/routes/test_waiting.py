@@ -1,7 +1,5 @@
 """The queue and the workers over HTTP."""
 
-from pathlib import Path
-
 import pytest
 
 from server import lifecycle, policies
@@ -108,7 +106,7 @@ def test_a_remote_policy_that_plays_its_most_is_the_reason(playing: TestClient) 
     ]
 
 
-def test_workers_tell_what_they_do(playing: TestClient, tmp_path: Path) -> None:
+def test_workers_tell_what_they_do(playing: TestClient) -> None:
     create(playing, episodes=7)
     hub = hub_of(playing)
     worker, idle = Worker(hub, playing), Worker(hub, playing)
