@@ -8,6 +8,7 @@ It changes only when an evaluation is asked for or completed, so one that was co
 
 from collections import defaultdict
 from collections.abc import Hashable, Iterable, Sequence
+from functools import lru_cache
 from statistics import fmean
 
 import numpy as np
@@ -117,12 +118,19 @@ def _is_whole(one: Evaluation) -> bool:
 
 
 def _counted(played: Outcomes) -> ByTask:
-    counted: ByTask = {}
-    for (task, _), success, exact in zip(*played, strict=True):
-        so_far = counted.get(task, Counts())
-        added = Counts(1, 1, 0, success, exact)
-        counted[task] = Counts(*(one + two for one, two in zip(so_far, added, strict=True)))
+    counted = {}
+    for task, part in _parts(played.episodes).items():
+        success, exact = played.success[part], played.exact[part]
+        counted[task] = Counts(len(success), len(success), 0, success.count(1), exact.count(1))
     return counted
+
+
+@lru_cache(maxsize=64)
+def _parts(episodes: tuple[tuple[str, int], ...]) -> dict[str, slice]:
+    """Where each task's episodes stand among those of an evaluation."""
+    tasks = [task for task, _ in episodes]
+    firsts = {task: tasks.index(task) for task in dict.fromkeys(tasks)}
+    return {task: slice(first, first + tasks.count(task)) for task, first in firsts.items()}
 
 
 def _row(one: Evaluation, counted: ByTask) -> LeaderboardRow:

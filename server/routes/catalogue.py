@@ -33,5 +33,6 @@ def get_leaderboard(
     verdict: Verdict = "success",
 ) -> Leaderboard:
     """Complete evaluations of the whole suite, best first, with the ranks that chance leaves."""
-    revalidate.unless(split, verdict, leaderboard.standing(session, split))
+    standing = leaderboard.standing(session, split)
+    revalidate.unless(split, verdict, standing, leaderboard.columns())
     return leaderboard.leaderboard(session, split=split, verdict=verdict)
