@@ -148,7 +148,7 @@ def _table(pairs: Sequence[Pair]) -> Table:
 
 def _tasks(tables: dict[str, Table]) -> list[TaskComparison]:
     order = list(Category)
-    rows = [
+    rows: list[dict[str, Any]] = [
         {"task": task, "category": load(task).category, **_paired(table)}
         for task, table in tables.items()
     ]

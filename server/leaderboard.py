@@ -15,7 +15,7 @@ import numpy as np
 from sqlalchemy import Integer, cast, func, select
 from sqlalchemy.orm import Session
 
-from hide_tasks import ALL_TASKS, suite
+from hide_tasks import ALL_TASKS, load, suite
 from hide_tasks.contract import Category, Split
 from server import outcomes, statistics, tasks
 from server.evaluations import Counts, verdicts
@@ -34,11 +34,13 @@ def leaderboard(
 ) -> Leaderboard:
     """The leaderboard of a split, best first by a verdict; reference policies follow."""
     key = (split, verdict, standing(session, split))
-    if key not in _kept:
+    found = _kept.get(key)
+    if found is None:
+        found = _computed(session, split, verdict)
         if len(_kept) >= MOST_KEPT:
             _kept.clear()
-        _kept[key] = _computed(session, split, verdict)
-    return _kept[key]
+        _kept[key] = found
+    return found
 
 
 def standing(session: Session, split: Split) -> Hashable:
@@ -135,9 +137,8 @@ def _parts(episodes: tuple[tuple[str, int], ...]) -> dict[str, slice]:
 
 def _row(one: Evaluation, counted: ByTask) -> LeaderboardRow:
     assert one.ended is not None, "a completed evaluation has ended"
-    category = {column.task: str(column.category) for column in columns()}
     groups = {
-        str(name): together(c for task, c in counted.items() if category[task] == name)
+        str(name): together(c for task, c in counted.items() if load(task).category is name)
         for name in Category
     }
     return LeaderboardRow(
