@@ -442,6 +442,21 @@ def test_guessing_a_password_is_slow(tmp_path: Path) -> None:
     assert right.status_code == 429 and right.headers["retry-after"]
 
 
+@pytest.mark.parametrize(("path", "name"), [("users", "name"), ("tokens", "id")])
+def test_users_and_tokens_come_in_pages(app: FastAPI, path: str, name: str) -> None:
+    for _ in range(3):
+        asking = visitor(app, token_of(app, "admin"))
+    whole = asking.get(f"{API}/{path}", params={"limit": 200}).json()
+    first = asking.get(f"{API}/{path}", params={"limit": 2}).json()
+
+    rest = asking.get(f"{API}/{path}", params={"limit": 200, "cursor": first["next"]}).json()
+
+    assert whole["next"] is None and len(first["items"]) == 2
+    told = [one[name] for one in first["items"] + rest["items"]]
+    assert told == [one[name] for one in whole["items"]]
+    assert len(told) == len(set(told)) > 2
+
+
 # --- what is kept of it ---
 
 
