@@ -1,7 +1,6 @@
 """Named parts of the suite: what each plays, and what an evaluation covers."""
 
 from collections.abc import Iterator
-from pathlib import Path
 from typing import get_args
 
 import pytest
