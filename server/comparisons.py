@@ -6,7 +6,8 @@ and every pair of episodes is the same scene.
 
 from collections import defaultdict
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from dataclasses import dataclass
+from typing import Any
 
 from sqlalchemy import select
 from sqlalchemy.orm import Session, aliased
@@ -30,7 +31,8 @@ from server.states import EvaluationState
 from server.statistics import Table
 
 
-class Pair(NamedTuple):
+@dataclass(frozen=True)
+class Pair:
     """An episode, played by both."""
 
     task: str
@@ -60,8 +62,8 @@ def compare(
         a=_compared(a),
         b=_compared(b),
         suite=f"{a.suite} {a.suite_version}",
-        split=a.split,  # type: ignore[arg-type]
-        rules=a.rules,  # type: ignore[arg-type]
+        split=a.split,
+        rules=a.rules,
         verdict=verdict,
         statistics=statistics.METHOD,
         other_sources=[task for task in tables if a.sources.get(task) != b.sources.get(task)],

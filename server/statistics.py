@@ -63,7 +63,8 @@ def mcnemar(only_a: int | Ints, only_b: int | Ints, *, exact: bool = False) -> F
         return np.minimum(1.0, 2 * up_to)
     here = up_to - below
     mid = np.where(a == b, 1 - here / 2, 2 * up_to - here)
-    return np.where(n == 0, 1.0, mid)
+    found: Floats = np.where(n == 0, 1.0, mid)
+    return found
 
 
 def interval(table: Table) -> tuple[float, float]:

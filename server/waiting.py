@@ -86,7 +86,7 @@ def _item(place: int, one: Waiting, before: int, why: Why) -> QueueItem:
         version=version.number,
         owner=evaluation.owner and evaluation.owner.name,
         priority=evaluation.priority,
-        state=evaluation.state,  # type: ignore[arg-type]
+        state=evaluation.state,
         waiting=one.pending,
         running=one.leased,
         before=before,

@@ -159,7 +159,7 @@ def test_holm_of_a_known_example() -> None:
 
 def outcomes(*rates: float, episodes: int = 100) -> np.ndarray:
     """Policies that succeed in their first so many episodes."""
-    return np.array([[n < rate * episodes for n in range(episodes)] for rate in rates])
+    return np.array([[n < round(rate * episodes) for n in range(episodes)] for rate in rates])
 
 
 def test_policies_that_cannot_be_told_apart_share_their_ranks() -> None:
