@@ -59,11 +59,9 @@ def mcnemar(only_a: int | Ints, only_b: int | Ints, *, exact: bool = False) -> F
     few, n = np.minimum(a, b), a + b
     below = np.where(few > 0, bdtr(np.maximum(few - 1, 0), n, 0.5), 0.0)
     up_to = bdtr(few, n, 0.5)
-    if exact:
-        return np.minimum(1.0, 2 * up_to)
     here = up_to - below
     mid = np.where(a == b, 1 - here / 2, 2 * up_to - here)
-    found: Floats = np.where(n == 0, 1.0, mid)
+    found: Floats = np.minimum(1.0, 2 * up_to) if exact else np.where(n == 0, 1.0, mid)
     return found
 
 
