@@ -142,7 +142,8 @@ def test_a_row_is_not_replaced_by_another_with_its_key(
         ("DELETE FROM shards", "FOREIGN KEY"),
         ("DELETE FROM evaluations", "FOREIGN KEY"),
         ("DELETE FROM policies", "FOREIGN KEY"),
-        ("INSERT INTO policies (id, name, created) SELECT 'po_2', name, created FROM policies", "policies.name"),
+        ("INSERT INTO policies (id, name, created) SELECT 'po_2', name, created FROM policies",
+         "policies.name"),
     ],
 )  # fmt: skip
 def test_what_the_tables_refuse(connection: Connection, statement: str, message: str) -> None:
