@@ -14,6 +14,7 @@ from fastapi.responses import Response
 from fastapi.routing import APIRoute, iter_route_contexts
 
 from server.problems import Problem
+from server.revalidation import revalidated
 
 Endpoint = TypeVar("Endpoint", bound=Callable[..., Any])
 NO_ROUTES = ("/static", "/api/v1/openapi.json")  # files and the description, open to anybody
@@ -113,7 +114,7 @@ class GuardedRoute(APIRoute):
 
         async def guarded(request: Request) -> Response:
             admit: Admit = request.app.state.admit
-            return await admit(request, need, handle)
+            return revalidated(request, await admit(request, need, handle))
 
         return guarded
 

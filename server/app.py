@@ -8,20 +8,24 @@ from fastapi import APIRouter, FastAPI
 from fastapi.openapi.utils import get_openapi
 
 from hide_tasks.machine import installed
-from server import problems
+from server import problems, revalidation
 from server.access import require_declared
 from server.admission import Admission
 from server.guard import Guard
 from server.hub import Hub
 from server.routes import (
+    batches,
     catalogue,
     episodes,
     evaluations,
     health,
     internal,
+    labels,
     people,
     policies,
+    snapshots,
     uploads,
+    waiting,
 )
 from server.schemas import ProblemDocument
 from server.settings import Settings
@@ -29,6 +33,7 @@ from workers.protocol import INTERNAL
 
 API = "/api/v1"
 PROBLEM = {problems.MEDIA_TYPE: {"schema": {"$ref": "#/components/schemas/ProblemDocument"}}}
+UNCHANGED = {"description": "The client has it: its ETag is in If-None-Match."}
 ANY_PROBLEM: dict[int | str, dict[str, Any]] = {
     401: {"description": "It is not known who asks.", "content": PROBLEM},
     403: {"description": "Whoever asks may not.", "content": PROBLEM},
@@ -73,12 +78,13 @@ def create_app(settings: Settings) -> FastAPI:
     app.include_router(internal.router, prefix=INTERNAL, include_in_schema=False)
     app.add_middleware(Guard, hosts=settings.hosts)
     problems.install(app)
+    revalidation.install(app)
     app.openapi = lambda: _described(app)  # type: ignore[method-assign]
     return app
 
 
 def _described(app: FastAPI) -> dict[str, Any]:
-    """The OpenAPI document, with the problems that every route may answer."""
+    """The OpenAPI document, with what every route may answer."""
     if app.openapi_schema is None:
         document = get_openapi(
             title=app.title,
@@ -88,12 +94,27 @@ def _described(app: FastAPI) -> dict[str, Any]:
         )
         problem = ProblemDocument.model_json_schema()
         document["components"]["schemas"]["ProblemDocument"] = problem
+        for path in document["paths"].values():
+            if "get" in path:
+                path["get"]["responses"]["304"] = UNCHANGED
         app.openapi_schema = document
     return app.openapi_schema
 
 
 def _api() -> APIRouter:
     api = APIRouter()
-    for routes in (catalogue, policies, uploads, evaluations, episodes, people, health):
+    for routes in (
+        catalogue,
+        policies,
+        uploads,
+        evaluations,
+        batches,
+        waiting,
+        episodes,
+        labels,
+        snapshots,
+        people,
+        health,
+    ):
         api.include_router(routes.router)
     return api

@@ -7,6 +7,7 @@ from sqlalchemy.orm import Session
 
 from hide_tasks import load
 from hide_tasks.contract import Category, Failure, Rules
+from server import labels
 from server.models import (
     Decision,
     Episode,
@@ -96,6 +97,7 @@ def listed(
     success: bool | None = None,
     exact: bool | None = None,
     state: EpisodeState | None = None,
+    label: str | None = None,
     limit: int = 50,
     cursor: str | None = None,
 ) -> Page[EpisodePublic]:
@@ -114,6 +116,8 @@ def listed(
         Episode.state: state,
     }
     wanted = select(Episode).where(*(c == v for c, v in filters.items() if v is not None))
+    if label is not None:
+        wanted = wanted.where(labels.has(label))
     if policy is not None:
         played = select(Evaluation.id).join(PolicyVersion).join(Policy).where(Policy.name == policy)
         wanted = wanted.where(Episode.evaluation_id.in_(played))

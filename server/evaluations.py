@@ -6,13 +6,13 @@ from datetime import timedelta
 from functools import cache
 from typing import Any, NamedTuple
 
-from sqlalchemy import Integer, case, cast, func, select
+from sqlalchemy import Integer, Select, case, cast, func, select
 from sqlalchemy.orm import Session
 
 from hide_tasks import ALL_TASKS, UnknownTask, load, suite
 from hide_tasks.contract import EpisodeSpec
 from hide_tasks.sources import sources_hash
-from server import lifecycle, policies
+from server import lifecycle, policies, suites
 from server.models import Attempt, Episode, Evaluation, Event, Policy, PolicyVersion, Shard
 from server.paging import after, page
 from server.problems import invalid, not_found
@@ -67,7 +67,9 @@ def create(
         Problem: 422, no such policy, task or number of episodes; 422, the key was used for
             another request.
     """
-    digest = hashlib.sha256(wanted.model_dump_json().encode()).hexdigest()
+    wanted = suites.resolved(wanted)
+    asked = wanted.model_dump_json(exclude={"suite"})
+    digest = hashlib.sha256(asked.encode()).hexdigest()
     if idempotency_key is not None:
         idempotency_key = hashlib.sha256(f"{owner} {idempotency_key}".encode()).hexdigest()
         known = select(Evaluation).where(Evaluation.idempotency_key == idempotency_key)
@@ -155,7 +157,7 @@ def get(session: Session, id: str) -> EvaluationPublic:
 
 def public(session: Session, evaluation: Evaluation) -> EvaluationPublic:
     """An evaluation as the API gives it out."""
-    return _public_all(session, [evaluation])[0]
+    return public_all(session, [evaluation])[0]
 
 
 def listed(
@@ -179,32 +181,38 @@ def listed(
     if place := after(cursor, [str]):
         wanted = wanted.where(Evaluation.id < place[0])
     rows = session.scalars(wanted).all()
-    shown = {one.id: one for one in _public_all(session, rows[:limit])}
+    shown = {one.id: one for one in public_all(session, rows[:limit])}
     return page(rows, limit, lambda one: [one.id], lambda one: shown[one.id])
 
 
 def attempts(session: Session, id: str) -> list[AttemptPublic]:
     """Every attempt at an evaluation's shards, the newest first."""
-    found = (
-        select(Attempt)
-        .join(Shard)
-        .where(Shard.evaluation_id == row(session, id).id)
-        .order_by(Attempt.id.desc())
-    )
-    return [
-        AttemptPublic.model_validate(
-            {
-                "id": attempt.id,
-                "task": attempt.shard.task,
-                "fence": attempt.fence,
-                "state": attempt.state,
-                "reason": attempt.reason,
-                "leased": attempt.leased,
-                "ended": attempt.ended,
-            }
-        )
-        for attempt in session.scalars(found)
-    ]
+    return [_attempt(one) for one in session.scalars(_attempts(row(session, id).id))]
+
+
+def attempts_listed(
+    session: Session, id: str, *, limit: int = 50, cursor: str | None = None
+) -> Page[AttemptPublic]:
+    """Attempts at an evaluation's shards, the newest first.
+
+    Raises:
+        Problem: 422, the cursor is not ours.
+    """
+    wanted = _attempts(row(session, id).id).limit(limit + 1)
+    if place := after(cursor, [str]):
+        wanted = wanted.where(Attempt.id < place[0])
+    return page(session.scalars(wanted).all(), limit, lambda one: [one.id], _attempt)
+
+
+def _attempts(evaluation: str) -> Select[Attempt]:
+    wanted = select(Attempt).join(Shard).where(Shard.evaluation_id == evaluation)
+    return wanted.order_by(Attempt.id.desc())
+
+
+def _attempt(one: Attempt) -> AttemptPublic:
+    same = ("id", "fence", "state", "reason", "leased", "ended")
+    fields = {name: getattr(one, name) for name in same}
+    return AttemptPublic.model_validate(fields | {"task": one.shard.task})
 
 
 def last_event(session: Session, evaluation: str) -> int:
@@ -267,7 +275,8 @@ def _per_minute(session: Session, evaluation: Evaluation) -> float | None:
     return 60 * (len(times) - 1) / (times[0] - times[-1]).total_seconds()
 
 
-def _public_all(session: Session, rows: Sequence[Evaluation]) -> list[EvaluationPublic]:
+def public_all(session: Session, rows: Sequence[Evaluation]) -> list[EvaluationPublic]:
+    """Evaluations as the API gives them out, in the order given."""
     ids = [one.id for one in rows]
     counted, closed = counts(session, ids), _sandboxes(session, ids)
     return [
@@ -285,6 +294,7 @@ def _public(
         "policy_version": version.id,
         "reference": version.reference,
         "suite": f"{one.suite} {one.suite_version}",
+        "covers": suites.covers(one),
         "reason": one.reason or _why_it_waits(session, one),
         "progress": progress(session, one, counted),
         "verdicts": verdicts(counted),

@@ -2,33 +2,63 @@
 
 A policy version stands there with its latest complete evaluation, not its best: the best of many
 tries is a lucky one. What covers less than the whole split is not shown at all.
+
+It changes only when an evaluation is asked for or completed, so one that was computed is kept.
 """
 
 from collections import defaultdict
-from collections.abc import Iterable
+from collections.abc import Hashable, Iterable, Sequence
+from functools import lru_cache
 from statistics import fmean
 
+import numpy as np
 from sqlalchemy import Integer, cast, func, select
 from sqlalchemy.orm import Session
 
-from hide_tasks import ALL_TASKS, suite
+from hide_tasks import ALL_TASKS, load, suite
 from hide_tasks.contract import Category, Split
-from server import tasks
+from server import outcomes, statistics, tasks
 from server.evaluations import Counts, verdicts
-from server.models import Episode, Evaluation
+from server.models import Evaluation
+from server.outcomes import Outcomes
 from server.schemas import Leaderboard, LeaderboardColumn, LeaderboardRow, Verdict, Verdicts
 from server.states import EvaluationState
 
 ByTask = dict[str, Counts]
+MOST_KEPT = 32  # leaderboards: two verdicts of three splits, and some that are past
+_kept: dict[Hashable, Leaderboard] = {}
 
 
 def leaderboard(
     session: Session, *, split: Split = "test", verdict: Verdict = "success"
 ) -> Leaderboard:
     """The leaderboard of a split, best first by a verdict; reference policies follow."""
+    key = (split, verdict, standing(session, split))
+    found = _kept.get(key)
+    if found is None:
+        found = _computed(session, split, verdict)
+        if len(_kept) >= MOST_KEPT:
+            _kept.clear()
+        _kept[key] = found
+    return found
+
+
+def standing(session: Session, split: Split) -> Hashable:
+    """What a leaderboard follows from: as long as this stays, so does the leaderboard."""
+    done = Evaluation.state == EvaluationState.COMPLETED
+    newest = select(
+        func.max(Evaluation.id),
+        func.count(),
+        func.coalesce(func.sum(cast(done, Integer)), 0),
+    )
+    found = session.execute(newest.where(Evaluation.split == split)).one()
+    return (suite.SUITE, suite.VERSION, *found)
+
+
+def _computed(session: Session, split: Split, verdict: Verdict) -> Leaderboard:
     shown, others = _latest(session, split)
-    counted = _counted(session, [one.id for one in shown])
-    rows = [_row(one, counted[one.id]) for one in shown]
+    played = outcomes.of_completed(session, [one.id for one in shown])
+    rows = [_row(one, _counted(played[one.id])) for one in shown]
     rows.sort(key=lambda row: (row.reference, -(getattr(row.overall, verdict).value or 0.0)))
     return Leaderboard(
         suite=f"{suite.SUITE} {suite.VERSION}",
@@ -36,7 +66,7 @@ def leaderboard(
         verdict=verdict,
         columns=columns(),
         ceilings=ceilings(verdict),
-        rows=list(_ranked(rows, verdict)),
+        rows=_with_rank_sets(list(_ranked(rows, verdict)), played, verdict),
         unlisted=others,
     )
 
@@ -89,33 +119,32 @@ def _is_whole(one: Evaluation) -> bool:
     )
 
 
-def _counted(session: Session, evaluations: list[str]) -> dict[str, ByTask]:
-    found = session.execute(
-        select(
-            Episode.evaluation_id,
-            Episode.task,
-            func.count(),
-            func.sum(cast(Episode.success, Integer)),
-            func.sum(cast(Episode.exact, Integer)),
-        )
-        .where(Episode.evaluation_id.in_(evaluations))
-        .group_by(Episode.evaluation_id, Episode.task)
-    )
-    counted: dict[str, ByTask] = defaultdict(dict)
-    for evaluation, task, episodes, success, exact in found:
-        counted[evaluation][task] = Counts(episodes, episodes, 0, success, exact)
+def _counted(played: Outcomes) -> ByTask:
+    counted = {}
+    for task, part in _parts(played.episodes).items():
+        success, exact = played.success[part], played.exact[part]
+        counted[task] = Counts(len(success), len(success), 0, success.count(1), exact.count(1))
     return counted
+
+
+@lru_cache(maxsize=64)
+def _parts(episodes: tuple[tuple[str, int], ...]) -> dict[str, slice]:
+    """Where each task's episodes stand among those of an evaluation."""
+    tasks = [task for task, _ in episodes]
+    firsts = {task: tasks.index(task) for task in dict.fromkeys(tasks)}
+    return {task: slice(first, first + tasks.count(task)) for task, first in firsts.items()}
 
 
 def _row(one: Evaluation, counted: ByTask) -> LeaderboardRow:
     assert one.ended is not None, "a completed evaluation has ended"
-    category = {column.task: str(column.category) for column in columns()}
     groups = {
-        str(name): together(c for task, c in counted.items() if category[task] == name)
+        str(name): together(c for task, c in counted.items() if load(task).category is name)
         for name in Category
     }
     return LeaderboardRow(
         rank=None,
+        rank_best=None,
+        rank_worst=None,
         evaluation=one.id,
         policy=one.policy_version.policy.name,
         version=one.policy_version.number,
@@ -143,3 +172,19 @@ def _ranked(rows: Iterable[LeaderboardRow], verdict: Verdict) -> Iterable[Leader
         rank = rank if value == last else place
         last = value
         yield row.model_copy(update={"rank": rank})
+
+
+def _with_rank_sets(
+    rows: Sequence[LeaderboardRow], played: dict[str, Outcomes], verdict: Verdict
+) -> list[LeaderboardRow]:
+    """The rows with the ranks that chance leaves open; every policy played the same episodes."""
+    ranked = [row for row in rows if not row.reference]
+    if not ranked:
+        return list(rows)
+    good = [np.frombuffer(getattr(played[row.evaluation], verdict), dtype=bool) for row in ranked]
+    sets = statistics.rank_sets(np.stack(good))
+    told = [
+        row.model_copy(update={"rank_best": best, "rank_worst": worst})
+        for row, (best, worst) in zip(ranked, sets, strict=True)
+    ]
+    return told + [row for row in rows if row.reference]

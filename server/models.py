@@ -374,3 +374,47 @@ class Divergence(Base):
     other: Mapped[str] = mapped_column(Digest)
     result: Mapped[dict[str, Any]]
     created: Mapped[datetime] = mapped_column(default=now)
+
+
+class Batch(Base):
+    """Evaluations that were asked for together; its items are worked off in their order."""
+
+    __tablename__ = "batches"
+    id: Mapped[str] = mapped_column(Id, primary_key=True)
+    wanted: Mapped[list[Any]]  # as it was asked for, one an evaluation
+    items: Mapped[list[Any]]  # what became of the first so many
+    created: Mapped[datetime] = mapped_column(default=now)
+    idempotency_key: Mapped[str | None] = mapped_column(Digest, unique=True)
+    request_digest: Mapped[str] = mapped_column(Digest)
+    owner_id: Mapped[str | None] = mapped_column(ForeignKey("users.id"), index=True)
+    owner: Mapped[User | None] = relationship(lazy="joined")
+
+
+class EpisodeLabel(Base):
+    """What somebody says of an episode; only ever added, and never part of a score."""
+
+    __tablename__ = "episode_labels"
+    __table_args__ = (Index("episode_labels_by_label", "label", "episode_id"),)
+    id: Mapped[str] = mapped_column(Id, primary_key=True)
+    episode_id: Mapped[str] = mapped_column(ForeignKey("episodes.id"), index=True)
+    label: Mapped[str | None] = mapped_column(Name)
+    note: Mapped[str] = mapped_column(default="")
+    withdraws: Mapped[str | None] = mapped_column(ForeignKey("episode_labels.id"), unique=True)
+    created: Mapped[datetime] = mapped_column(default=now)
+    author_id: Mapped[str] = mapped_column(ForeignKey("users.id"))
+    author: Mapped[User] = relationship(lazy="joined")
+
+
+class LeaderboardSnapshot(Base):
+    """A leaderboard as it stood; its content is kept to the byte and never changes."""
+
+    __tablename__ = "leaderboard_snapshots"
+    __table_args__ = ({"sqlite_autoincrement": True},)
+    number: Mapped[int] = mapped_column(primary_key=True)
+    sha256: Mapped[str] = mapped_column(Digest, unique=True)  # of the content in UTF-8
+    content: Mapped[str]  # JSON
+    split: Mapped[str] = mapped_column(Name)
+    note: Mapped[str] = mapped_column(default="")
+    created: Mapped[datetime] = mapped_column(default=now)
+    owner_id: Mapped[str | None] = mapped_column(ForeignKey("users.id"))
+    owner: Mapped[User | None] = relationship(lazy="joined")

@@ -8,8 +8,9 @@ from sqlalchemy.orm import Session
 
 from server.access import Principal
 from server.models import Evaluation, Policy, PolicyVersion, new_id
+from server.paging import after, page
 from server.problems import Problem, invalid
-from server.schemas import PolicyVersionPublic
+from server.schemas import Page, PolicyVersionPublic
 from workers.policies import BUILTIN
 from workers.preflight import Check
 from workers.protocol import BuiltInPolicy, PolicySpec, ReplayPolicy
@@ -135,6 +136,21 @@ def versions(session: Session) -> list[PolicyVersionPublic]:
         .order_by(PolicyVersion.reference.desc(), Policy.name, PolicyVersion.number.desc())
     )
     return [public(version) for version in session.scalars(found)]
+
+
+def listed(
+    session: Session, *, limit: int = 50, cursor: str | None = None
+) -> Page[PolicyVersionPublic]:
+    """Every version of every policy, the one that was registered last first.
+
+    Raises:
+        Problem: 422, the cursor is not ours.
+    """
+    wanted = select(PolicyVersion).order_by(PolicyVersion.id.desc()).limit(limit + 1)
+    if place := after(cursor, [str]):
+        wanted = wanted.where(PolicyVersion.id < place[0])
+    rows = session.scalars(wanted).all()
+    return page(rows, limit, lambda one: [one.id], public)
 
 
 def public(version: PolicyVersion) -> PolicyVersionPublic:

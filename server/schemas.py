@@ -4,6 +4,7 @@ Times are RFC 3339 in UTC. Rates are 0 to 1, with 95 % Wilson intervals.
 """
 
 from datetime import datetime
+from enum import StrEnum
 from typing import Annotated, Any, Generic, Literal, Self, TypeVar
 
 from pydantic import AwareDatetime, BaseModel, ConfigDict, Field, SecretStr, StrictBool
@@ -31,6 +32,8 @@ Item = TypeVar("Item")
 Verdict = Literal["success", "exact"]
 PolicyName = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9 _.:+-]{0,79}$")]
 Description = Annotated[str, Field(max_length=2000)]
+SuiteName = Literal["smoke", "RC", "HSR", "EPT", "full"]
+Covers = Literal["smoke", "RC", "HSR", "EPT", "full", "part"]
 
 
 class _Given(BaseModel):
@@ -125,7 +128,8 @@ class EvaluationCreate(_Given):
     policy: Annotated[str, Field(min_length=1, max_length=100)]  # name, name@version, or id
     tasks: Annotated[list[str], Field(min_length=1)] | None = None  # default: all
     category: Category | None = None  # only tasks of this kind
-    split: Split = "test"
+    suite: SuiteName | None = None  # instead of tasks, category and episodes
+    split: Split = "test"  # of `smoke`: val
     episodes: Annotated[int, Field(ge=1, strict=True)] | None = None  # per task, the first; all
     rules: Rules = "hide"
     priority: Annotated[int, Field(ge=-100, le=100, strict=True)] = 0  # higher goes first
@@ -133,9 +137,10 @@ class EvaluationCreate(_Given):
 
 
 class Matrix(_Given):
-    """Every policy with the same evaluation."""
+    """Every policy with the same evaluation, or with each of some suites."""
 
     policies: Annotated[list[str], Field(min_length=1, max_length=200)]
+    suites: Annotated[list[SuiteName], Field(min_length=1, max_length=5)] | None = None
     tasks: Annotated[list[str], Field(min_length=1)] | None = None
     category: Category | None = None
     split: Split = "test"
@@ -146,7 +151,7 @@ class Matrix(_Given):
 
 
 class BatchCreate(_Given):
-    """Many evaluations at once: listed one by one, or a matrix."""
+    """Many evaluations at once, 200 at most: listed one by one, or a matrix."""
 
     items: Annotated[list[dict[str, Any]], Field(max_length=200)] = []
     matrix: Matrix | None = None
@@ -178,6 +183,7 @@ class EvaluationPublic(BaseModel):
     rules: Rules
     tasks: list[str]
     episodes: int  # per task
+    covers: Covers  # the suite that these are the whole of
     priority: int
     recordings: bool
     created: datetime
@@ -198,8 +204,19 @@ class BatchItem(BaseModel):
     problem: dict[str, Any] | None = None
 
 
-class Batch(BaseModel):
-    """What became of every item, in the order given."""
+class BatchPublic(BaseModel):
+    """A batch in numbers."""
+
+    id: str
+    created: datetime
+    owner: str | None  # name of a user
+    expected: int  # items that were asked for
+    accepted: int  # of which there is an evaluation
+    refused: int  # fewer together than expected: it broke off; its key and request go on
+
+
+class Batch(BatchPublic):
+    """What became of every item, in the order given; of a matrix, suite after suite."""
 
     items: list[BatchItem]
 
@@ -293,6 +310,101 @@ class FailureGroup(BaseModel):
     episodes: int
 
 
+LabelName = Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9_.:-]{0,79}$")]
+
+
+class LabelCreate(_Given):
+    """What somebody says of an episode: a label, a note, or both."""
+
+    label: LabelName | None = None
+    note: Description = ""
+
+
+class LabelPublic(BaseModel):
+    """What somebody said of an episode."""
+
+    id: str
+    episode: str
+    label: str | None
+    note: str
+    author: str  # name of a user
+    created: datetime
+    withdrawn: datetime | None
+    withdrawn_by: str | None
+
+
+class LabelCount(BaseModel):
+    """On how many episodes a label stands."""
+
+    label: str
+    episodes: int
+
+
+# --- queue and workers ---
+
+
+class QueueReason(StrEnum):
+    """Why shards wait."""
+
+    NO_WORKERS = "no_workers"  # this server hands nothing out
+    DISK_FULL = "disk_full"
+    POLICY_BUSY = "policy_busy"  # the server of a remote policy plays as many as it takes
+    WORKERS_BUSY = "workers_busy"
+    OTHERS_FIRST = "others_first"
+
+
+class QueueItem(BaseModel):
+    """An evaluation of which shards wait."""
+
+    position: int  # from 1
+    evaluation: str
+    policy: str
+    version: int
+    owner: str | None
+    priority: int
+    state: EvaluationState
+    waiting: int  # shards
+    running: int  # shards
+    before: int  # shards of evaluations that stand before it
+    reason: QueueReason
+    detail: str  # the reason in a sentence
+
+
+class Queue(BaseModel):
+    """Evaluations in the order in which their next shards are handed out."""
+
+    evaluations: int  # that wait
+    shards: int
+    items: list[QueueItem]  # the first of them
+
+
+class WorkerPublic(BaseModel):
+    """A shard that is handed out, and how far whoever plays it is."""
+
+    attempt: str
+    engine: str
+    doing: Literal["begins", "plays", "between"]  # its first, an, or two episodes
+    evaluation: str
+    policy: str
+    version: int
+    task: str
+    fence: int
+    since: datetime
+    episode: str | None  # that is played
+    index: int | None
+    episode_since: datetime | None
+    final: int  # episodes of the shard
+    episodes: int
+
+
+class Workers(BaseModel):
+    """What is handed out. A server keeps as many shards again at hand as it has slots."""
+
+    slots: int  # shards that this machine plays at a time
+    playing: int
+    items: list[WorkerPublic]  # the longest at it first
+
+
 # --- leaderboard and tasks ---
 
 
@@ -349,6 +461,10 @@ class LeaderboardRow(BaseModel):
     """A policy's latest complete evaluation."""
 
     rank: int | None  # null for reference policies
+    # The ranks that it may have, together with the others' in 95 % of all leaderboards: it is
+    # shown to be worse than `rank_best` - 1 policies, and better than those below `rank_worst`.
+    rank_best: int | None
+    rank_worst: int | None
     evaluation: str
     policy: str
     version: int
@@ -369,6 +485,124 @@ class Leaderboard(BaseModel):
     ceilings: dict[str, float | None]  # of the ranking verdict: per task, per category, "overall"
     rows: list[LeaderboardRow]
     unlisted: int  # evaluations of the split that are incomplete, partial, or superseded
+
+
+class SnapshotCreate(_Given):
+    """A snapshot to be taken."""
+
+    split: Split = "test"
+    note: Description = ""
+
+
+class SnapshotPublic(BaseModel):
+    """A leaderboard that was kept; it never changes."""
+
+    number: int
+    sha256: str  # of the bytes at `content`
+    content: str  # path
+    split: Split
+    note: str
+    created: datetime
+    owner: str | None  # name of the user who took it
+
+
+class SnapshotEvaluation(BaseModel):
+    """What a row of a snapshot rests on."""
+
+    evaluation: str
+    policy_version: str
+    results: str  # SHA-256 of its episodes' digests, one a line, by task and index
+    sources: dict[str, str]  # per task, the code that played it
+    machine: dict[str, Any]
+
+
+class SnapshotContent(BaseModel):
+    """The content of a snapshot."""
+
+    format: Literal[1] = 1
+    software: str
+    statistics: str  # the methods
+    episodes: str  # SHA-256 of what is played: names and scene hashes, one a line
+    leaderboards: dict[Verdict, Leaderboard]
+    evaluations: list[SnapshotEvaluation]
+
+
+# --- comparisons ---
+
+
+class PairedTable(BaseModel):
+    """Episodes by what both policies made of them."""
+
+    both: int
+    only_a: int
+    only_b: int
+    neither: int
+
+
+class Paired(BaseModel):
+    """Two policies on the same episodes."""
+
+    a: RatePublic
+    b: RatePublic
+    table: PairedTable
+    difference: float  # of the rates, A less B; over several tasks their mean
+    low: float  # 95 %, Newcombe's interval for paired rates
+    high: float
+    p: float  # McNemar, mid-p
+    p_exact: float
+
+
+class TaskComparison(Paired):
+    """One task."""
+
+    task: str
+    category: Category
+    p_holm: float  # `p` adjusted for the number of tasks
+
+
+class GroupComparison(Paired):
+    """The tasks of a category, or all."""
+
+    tasks: int
+    # 95 %, bootstrapped; null where no episode went differently, or for one task
+    over_episodes: tuple[float, float] | None  # of other episodes of these tasks
+    over_tasks: tuple[float, float] | None  # of other tasks like these
+
+
+class Discordant(BaseModel):
+    """An episode that one policy managed and the other did not."""
+
+    task: str
+    index: int
+    better: Literal["a", "b"]
+    a: str  # episode
+    b: str
+
+
+class Compared(BaseModel):
+    """One side of a comparison."""
+
+    evaluation: str
+    policy: str
+    version: int
+
+
+class Comparison(BaseModel):
+    """Two completed evaluations on the episodes that both played."""
+
+    a: Compared
+    b: Compared
+    suite: str
+    split: Split
+    rules: Rules
+    verdict: Verdict
+    statistics: str  # the methods
+    other_sources: list[str]  # tasks that were played by different code
+    same_machine: bool  # or machines alike
+    tasks: list[TaskComparison]
+    categories: dict[str, GroupComparison]
+    overall: GroupComparison
+    discordant: list[Discordant]
 
 
 # --- people ---

@@ -54,7 +54,7 @@ def test_the_life_of_an_evaluation(tmp_path: Path) -> None:
         kill(server.workers[0])
 
         def lost() -> list[dict[str, Any]]:
-            attempts = server.get(f"/evaluations/{id}/attempts")
+            attempts = server.get(f"/evaluations/{id}/attempts")["items"]
             return [one for one in attempts if one["state"] == "lost"]
 
         [attempt] = until(lost, "a lost attempt")
@@ -76,7 +76,9 @@ def test_the_life_of_an_evaluation(tmp_path: Path) -> None:
         assert done["state"] == "completed"
         assert done["progress"]["final"] == len(after) == EPISODES
         assert before.items() <= after.items()
-        stopped = [one for one in server.get(f"/evaluations/{id}/attempts") if one["reason"]]
+        stopped = [
+            one for one in server.get(f"/evaluations/{id}/attempts")["items"] if one["reason"]
+        ]
         assert {one["reason"] for one in stopped} >= {"the server stopped"}
 
         # Its score has intervals; the leaderboard shows nothing that covers only a part.

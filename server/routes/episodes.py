@@ -17,6 +17,7 @@ from server.deps import Cursor, EpisodeId, EvaluationId, Limit, Reading, TheHub
 from server.growing import BrokenOff, Growing
 from server.hub import Hub
 from server.problems import not_found
+from server.revalidation import FOR_EVER, Revalidate, Revalidation
 from server.schemas import (
     ChangePublic,
     DecisionPublic,
@@ -28,7 +29,6 @@ from server.schemas import (
 from server.states import EpisodeState
 
 router = Router(tags=["episodes"])
-FOR_EVER = {"Cache-Control": "private, max-age=31536000, immutable"}
 NEVER = {"Cache-Control": "no-store"}
 PATIENCE = 5.0  # s to wait for the first bytes of a running episode's recording
 Text = Annotated[str | None, Field(max_length=80)]
@@ -53,6 +53,7 @@ class WithinFilter(BaseModel):
     success: bool | None = None
     exact: bool | None = None
     state: EpisodeState | None = None
+    label: Text = None
     limit: Limit = 50
     cursor: Cursor = None
 
@@ -91,23 +92,33 @@ def get_episode(episode: str, session: Reading) -> EpisodeDetail:
 
 @router.get("/episodes/{episode}/decisions")
 @needs(Scope.READ)
-def list_decisions(episode: str, session: Reading) -> list[DecisionPublic]:
+def list_decisions(episode: str, session: Reading, revalidate: Revalidate) -> list[DecisionPublic]:
     """Every decision with the hidden state after it."""
+    _unless_final(session, episode, revalidate)
     return episodes.decisions(session, episode)
 
 
 @router.get("/episodes/{episode}/changes")
 @needs(Scope.READ)
-def list_changes(episode: str, session: Reading) -> list[ChangePublic]:
+def list_changes(episode: str, session: Reading, revalidate: Revalidate) -> list[ChangePublic]:
     """The hidden state at the start and after each of its changes, seen 20 times a second."""
+    _unless_final(session, episode, revalidate)
     return episodes.changes(session, episode)
 
 
 @router.get("/episodes/{episode}/spans")
 @needs(Scope.READ)
-def list_spans(episode: str, session: Reading) -> list[SpanPublic]:
+def list_spans(episode: str, session: Reading, revalidate: Revalidate) -> list[SpanPublic]:
     """What held from when to when: hidden values, the stage, beliefs."""
+    _unless_final(session, episode, revalidate)
     return episodes.spans(session, episode)
+
+
+def _unless_final(session: Session, episode: str, revalidate: Revalidation) -> None:
+    """What was measured of a final episode never changes, so it need not be read again."""
+    row = episodes.row(session, episode)
+    if row.state == EpisodeState.FINAL:
+        revalidate.unless(row.id, row.digest)
 
 
 @router.get(

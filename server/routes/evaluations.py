@@ -1,22 +1,20 @@
 """Evaluations: asked for, followed, stopped."""
 
 from collections.abc import AsyncIterator
-from typing import Annotated, Any
+from typing import Annotated
 
 from fastapi import Header, Query, Response
 from fastapi.sse import EventSourceResponse, ServerSentEvent
-from pydantic import ValidationError
+from sqlalchemy.orm import Session
 
 from server import episodes, evaluations, followers, lifecycle, quotas
 from server.access import Principal, Router, Scope, needs
 from server.deps import Cursor, EvaluationId, Limit, Reading, TheHub, ThePrincipal
 from server.hub import Hub
-from server.problems import invalid, of_exception, of_validation
+from server.models import Evaluation
+from server.problems import invalid
 from server.schemas import (
     AttemptPublic,
-    Batch,
-    BatchCreate,
-    BatchItem,
     EvaluationCreate,
     EvaluationPublic,
     FailureGroup,
@@ -50,40 +48,31 @@ def create_evaluation(
 def _create(
     hub: Hub, principal: Principal, wanted: EvaluationCreate, key: str | None = None
 ) -> EvaluationPublic:
-    if wanted.priority > 0 and not principal.may(Scope.MAINTAIN):
-        raise invalid("priority", "is above 0, which is for maintainers")
     with hub.database.writing() as session:
-        row = evaluations.create(session, wanted, key, owner=principal.user)
-        session.flush()
-        quotas.require_evaluation(session, principal, hub.settings)
+        row = queued(session, hub, principal, wanted, key)
         stands = evaluations.public(session, row)
     hub.bell.reconciler.set()
     return stands
 
 
-@router.post("/batches", status_code=202)
-@needs(Scope.SUBMIT)
-def create_batch(wanted: BatchCreate, hub: TheHub, principal: ThePrincipal) -> Batch:
-    """Queues many evaluations; one that cannot be does not hinder the others."""
-    items: list[dict[str, Any]] = list(wanted.items)
-    if wanted.matrix:
-        shared = wanted.matrix.model_dump(mode="json", exclude={"policies"})
-        items += [{"policy": policy, **shared} for policy in wanted.matrix.policies]
-    if not items:
-        raise invalid("items", "is empty; list evaluations, or give a matrix")
-    return Batch(items=[_item(hub, principal, item) for item in items])
+def queued(
+    session: Session,
+    hub: Hub,
+    principal: Principal,
+    wanted: EvaluationCreate,
+    key: str | None = None,
+) -> Evaluation:
+    """A new evaluation that whoever asks may ask for.
 
-
-def _item(hub: Hub, principal: Principal, item: dict[str, Any]) -> BatchItem:
-    try:
-        created = _create(hub, principal, EvaluationCreate.model_validate(item))
-    except ValidationError as error:
-        problem = of_validation(error.errors())
-    except Exception as error:  # what is queued already must be told, whatever happens to the rest
-        problem = of_exception(error)
-    else:
-        return BatchItem(status=202, evaluation=created)
-    return BatchItem(status=problem.status, problem=problem.document)
+    Raises:
+        Problem: 422, it is wrong; 429, their quota is used up.
+    """
+    if wanted.priority > 0 and not principal.may(Scope.MAINTAIN):
+        raise invalid("priority", "is above 0, which is for maintainers")
+    row = evaluations.create(session, wanted, key, owner=principal.user)
+    session.flush()
+    quotas.require_evaluation(session, principal, hub.settings)
+    return row
 
 
 @router.get("/evaluations")
@@ -108,9 +97,11 @@ def get_evaluation(evaluation: str, session: Reading) -> EvaluationPublic:
 
 @router.get("/evaluations/{evaluation}/attempts")
 @needs(Scope.READ)
-def list_attempts(evaluation: str, session: Reading) -> list[AttemptPublic]:
+def list_attempts(
+    evaluation: str, session: Reading, limit: Limit = 50, cursor: Cursor = None
+) -> Page[AttemptPublic]:
     """Every try at one of its shards, the newest first."""
-    return evaluations.attempts(session, evaluation)
+    return evaluations.attempts_listed(session, evaluation, limit=limit, cursor=cursor)
 
 
 @router.get("/evaluations/{evaluation}/failures")

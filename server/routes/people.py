@@ -3,11 +3,13 @@
 from typing import Annotated
 
 from fastapi import Query, Response
+from sqlalchemy import select
 
 from server import audit, credentials, quotas, users
 from server.access import Gate, Principal, Role, Router, Scope, needs
 from server.deps import Cursor, Limit, Reading, TheHub, ThePrincipal
 from server.models import Token, User
+from server.paging import after, page
 from server.problems import Problem, invalid, not_found
 from server.schemas import (
     AuditEntryPublic,
@@ -44,9 +46,15 @@ def get_me(principal: ThePrincipal, session: Reading, hub: TheHub) -> Me:
 
 @router.get("/tokens")
 @needs(Gate.ANYONE)
-def list_tokens(principal: ThePrincipal, session: Reading) -> list[TokenPublic]:
-    """One's own tokens, revoked and expired ones as well; nobody learns a secret again."""
-    return [public_token(one) for one in credentials.tokens(session, principal.user)]
+def list_tokens(
+    principal: ThePrincipal, session: Reading, limit: Limit = 50, cursor: Cursor = None
+) -> Page[TokenPublic]:
+    """One's own tokens, the newest first, ended ones as well; nobody learns a secret again."""
+    wanted = select(Token).where(Token.user_id == principal.user).order_by(Token.id.desc())
+    if place := after(cursor, [str]):
+        wanted = wanted.where(Token.id < place[0])
+    rows = session.scalars(wanted.limit(limit + 1)).all()
+    return page(rows, limit, lambda one: [one.id], public_token)
 
 
 @router.post("/tokens", status_code=201)
@@ -110,9 +118,15 @@ def public_token(row: Token) -> TokenPublic:
 
 @router.get("/users")
 @needs(Scope.ADMIN)
-def list_users(session: Reading, hub: TheHub) -> list[UserPublic]:
+def list_users(
+    session: Reading, hub: TheHub, limit: Limit = 50, cursor: Cursor = None
+) -> Page[UserPublic]:
     """Everybody, by name."""
-    return [_public_user(hub, session, one) for one in users.everyone(session)]
+    wanted = select(User).order_by(User.name).limit(limit + 1)
+    if place := after(cursor, [str]):
+        wanted = wanted.where(User.name > place[0])
+    rows = session.scalars(wanted).all()
+    return page(rows, limit, lambda one: [one.name], lambda one: _public_user(hub, session, one))
 
 
 @router.post("/users", status_code=201)

@@ -10,10 +10,10 @@ from starlette.requests import ClientDisconnect
 from server import checkpoints, policies, quotas
 from server.access import Principal, Router, Scope, needs
 from server.checkpoints import Received
-from server.deps import Reading, TheHub, ThePrincipal
+from server.deps import Cursor, Limit, Reading, TheHub, ThePrincipal
 from server.hub import Hub
 from server.problems import Problem, invalid
-from server.schemas import Description, PolicyCreate, PolicyName, PolicyVersionPublic
+from server.schemas import Description, Page, PolicyCreate, PolicyName, PolicyVersionPublic
 from workers.policies import BadPolicy, Hosted, Remote, Surroundings
 from workers.preflight import Check
 from workers.protocol import PythonPolicy, RemotePolicy
@@ -24,9 +24,11 @@ CHECK_LIMIT = 60.0  # s for importing and constructing a class
 
 @router.get("")
 @needs(Scope.READ)
-def list_policies(session: Reading) -> list[PolicyVersionPublic]:
-    """Every version of every policy."""
-    return policies.versions(session)
+def list_policies(
+    session: Reading, limit: Limit = 50, cursor: Cursor = None
+) -> Page[PolicyVersionPublic]:
+    """Every version of every policy, the newest first."""
+    return policies.listed(session, limit=limit, cursor=cursor)
 
 
 @router.post("", status_code=201)

@@ -11,12 +11,23 @@ from sqlalchemy import inspect, text
 from sqlalchemy.exc import IntegrityError, OperationalError
 
 from hide_tasks.contract import Failure
-from server import audit, credentials, lifecycle, policies, uploads, users
-from server.access import Scope
+from server import (
+    audit,
+    batches,
+    credentials,
+    labels,
+    lifecycle,
+    policies,
+    snapshots,
+    uploads,
+    users,
+)
+from server.access import Principal, Role, Scope
 from server.blobs import Blobs
 from server.commit import commit
 from server.db import Database, examine, known_revisions, migrate, migrations
-from server.models import Attempt, Base
+from server.models import Attempt, Base, User
+from server.schemas import LabelCreate
 from tests.server import ledgers
 
 
@@ -44,6 +55,11 @@ def objects(database: Database, kind: str) -> set[str]:
         return set(connection.scalars(wanted, {"kind": kind})) - {"alembic_version"}
 
 
+def principal_of(user: User) -> Principal:
+    """The user, by whatever their role allows."""
+    return Principal(user.id, user.name, Role.ADMIN, Role.ADMIN.scopes, via="local")
+
+
 def fill(database: Database, folder: Path) -> None:
     """Rows in every table."""
     store = Blobs(folder / "blobs")
@@ -58,6 +74,11 @@ def fill(database: Database, folder: Path) -> None:
         credentials.sign_in(session, owner)
         wanted = {"length": 7, "name": "mine", "description": "", "sha256": None}
         uploads.create(session, owner.id, **wanted)
+        batches.begun(session, [{"policy": "noop"}], "key", owner.id)
+        snapshots.keep(session, "{}", "test", owner=owner.id)
+        mine = LabelCreate(label="odd")
+        said = labels.add(session, episode, mine, principal_of(owner))
+        labels.withdraw(session, said.id, principal_of(owner))
         audit.note(session, "test", "", principal=None)
 
 

@@ -7,10 +7,10 @@ from sqlalchemy import Connection, select, text
 from sqlalchemy.exc import IntegrityError
 
 from hide_tasks.contract import Failure
-from server import lifecycle
+from server import batches, lifecycle, snapshots, users
 from server.blobs import Blobs
 from server.commit import commit
-from server.models import Attempt, Base
+from server.models import Attempt, Base, EpisodeLabel, new_id
 from tests.server import ledgers
 
 
@@ -25,6 +25,10 @@ def ledger(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Connection]:
         attempt = session.scalars(select(Attempt)).one()
         other = ledgers.result_of(lifecycle.spec_of(episode), Failure.OVERCOUNT)
         commit(session, store, attempt, episode, other)
+        owner = users.register_owner(session)
+        batches.begun(session, [{"policy": "noop"}], None, owner.id)
+        snapshots.keep(session, "{}", "test")
+        session.add(EpisodeLabel(id=new_id("la"), episode_id=episode.id, author_id=owner.id))
         ledgers.created(session, tasks=["search_drawer"], episodes=1)
         found = ledgers.leased(session)
         assert found is not None
@@ -67,6 +71,12 @@ LEASED = "(SELECT id FROM shards WHERE state = 'leased')"
         ("DELETE FROM divergences", "alarms are immutable"),
         ("UPDATE blobs SET size = 0", "blobs are immutable"),
         ("DELETE FROM blobs", "blobs are immutable"),
+        ("DELETE FROM batches", "batches stay"),
+        ("UPDATE episode_labels SET note = 'x'", "labels are immutable"),
+        ("DELETE FROM episode_labels", "labels are immutable"),
+        ("UPDATE leaderboard_snapshots SET content = '{}'", "snapshots are immutable"),
+        ("UPDATE leaderboard_snapshots SET note = 'x'", "snapshots are immutable"),
+        ("DELETE FROM leaderboard_snapshots", "snapshots are immutable"),
     ],
 )
 def test_what_never_changes(connection: Connection, statement: str, message: str) -> None:
@@ -132,7 +142,8 @@ def test_a_row_is_not_replaced_by_another_with_its_key(
         ("DELETE FROM shards", "FOREIGN KEY"),
         ("DELETE FROM evaluations", "FOREIGN KEY"),
         ("DELETE FROM policies", "FOREIGN KEY"),
-        ("INSERT INTO policies SELECT 'po_2', name, created FROM policies", "policies.name"),
+        ("INSERT INTO policies (id, name, created) SELECT 'po_2', name, created FROM policies",
+         "policies.name"),
     ],
 )  # fmt: skip
 def test_what_the_tables_refuse(connection: Connection, statement: str, message: str) -> None:

@@ -34,6 +34,8 @@ def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
         done = ledgers.evaluated(hub.database, hub.blobs, tasks=["search_drawer"], episodes=2)
         with hub.database.reading() as session:
             episodes = [one.id for one in ledgers.episodes_of(session, done)]
+        said = here.post(f"/api/v1/episodes/{episodes[0]}/labels", json={"note": "odd"})
+        batch = here.post("/api/v1/batches", json={"items": [{"policy": "noop"}]})
         yield (
             str(here.base_url),
             {
@@ -43,6 +45,9 @@ def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
                 "task": ["search_drawer"],
                 "token": ["01arz3ndektsv4rrffq69g5fav"],
                 "user": ["owner"],
+                "batch": [batch.json()["id"]],
+                "label": [said.json()["id"]],
+                "snapshot": ["1"],
             },
         )
 

@@ -177,7 +177,7 @@ def test_a_token_is_told_once_and_kept_as_a_hash(app: FastAPI) -> None:
     asking = visitor(app, token_of(app, "submitter"))
 
     made = asking.post(f"{API}/tokens", json={"name": "ci", "scopes": ["read"]})
-    listed = asking.get(f"{API}/tokens").json()
+    listed = asking.get(f"{API}/tokens").json()["items"]
 
     token = made.json()["token"]
     assert made.status_code == 201 and credentials.parts(token)[0] == made.json()["id"]
@@ -440,6 +440,21 @@ def test_guessing_a_password_is_slow(tmp_path: Path) -> None:
 
     assert [one.status_code for one in guesses] == [401, 401]
     assert right.status_code == 429 and right.headers["retry-after"]
+
+
+@pytest.mark.parametrize(("path", "name"), [("users", "name"), ("tokens", "id")])
+def test_users_and_tokens_come_in_pages(app: FastAPI, path: str, name: str) -> None:
+    for _ in range(3):
+        asking = visitor(app, token_of(app, "admin"))
+    whole = asking.get(f"{API}/{path}", params={"limit": 200}).json()
+    first = asking.get(f"{API}/{path}", params={"limit": 2}).json()
+
+    rest = asking.get(f"{API}/{path}", params={"limit": 200, "cursor": first["next"]}).json()
+
+    assert whole["next"] is None and len(first["items"]) == 2
+    told = [one[name] for one in first["items"] + rest["items"]]
+    assert told == [one[name] for one in whole["items"]]
+    assert len(told) == len(set(told)) > 2
 
 
 # --- what is kept of it ---

@@ -23,6 +23,11 @@ ID_ROUTES = [
     ("GET", "/evaluations/{}/events"),
     ("POST", "/evaluations/{}/cancellation"),
     ("POST", "/evaluations/{}/resumption"),
+    ("GET", "/evaluations/{}/queue"),
+    ("GET", "/batches/{}"),
+    ("GET", "/leaderboard/snapshots/{}"),
+    ("GET", "/leaderboard/snapshots/{}/content.json"),
+    ("POST", "/labels/{}/withdrawal"),
     ("GET", "/tokens/{}"),
     ("POST", "/tokens/{}/revocation"),
     ("GET", "/users/{}"),
@@ -30,17 +35,26 @@ ID_ROUTES = [
     ("GET", "/episodes/{}/decisions"),
     ("GET", "/episodes/{}/changes"),
     ("GET", "/episodes/{}/spans"),
+    ("GET", "/episodes/{}/labels"),
     ("GET", "/episodes/{}/thumbnail.jpg"),
     ("GET", "/episodes/{}/recording.rrd"),
 ]
 OTHER_ROUTES = [
     ("GET", "/tasks"),
     ("GET", "/leaderboard"),
+    ("GET", "/leaderboard/snapshots"),
+    ("POST", "/leaderboard/snapshots"),
+    ("GET", "/comparisons"),
+    ("GET", "/queue"),
+    ("GET", "/workers"),
+    ("GET", "/labels"),
+    ("POST", "/episodes/{}/labels"),
     ("GET", "/policies"),
     ("POST", "/policies"),
     ("POST", "/policies/checkpoints"),
     ("GET", "/evaluations"),
     ("POST", "/evaluations"),
+    ("GET", "/batches"),
     ("POST", "/batches"),
     ("GET", "/episodes"),
     ("GET", "/me"),
@@ -68,6 +82,7 @@ def test_every_route_is_tried(reader: TestClient) -> None:
     tried = {(method, path.format("{}")) for method, path in ID_ROUTES + OTHER_ROUTES}
 
     parameters = ("task", "policy", "evaluation", "episode", "token", "user")
+    parameters += ("batch", "snapshot", "label")
     for name in parameters:
         described = {(method, path.replace(f"{{{name}}}", "{}")) for method, path in described}
     assert described == tried
@@ -169,6 +184,18 @@ def test_what_is_not_a_json_object_is_refused(
         ("/users", {"name": "ann", "role": "god"}, "role", "'viewer', 'submitter'"),
         ("/users", {"name": "owner", "role": "viewer"}, "name", "is taken"),
         ("/users", {"name": "ann", "role": "viewer", "password": "short"}, "password", "10 to 200"),
+        ("/evaluations", {"policy": "noop", "suite": "quick"}, "suite", "'smoke', 'RC'"),
+        ("/evaluations", SMALL | {"suite": "full"}, "tasks", "is chosen by suite 'full'"),
+        ("/evaluations", {"policy": "noop", "suite": "RC", "category": "RC"}, "category",
+         "is chosen by suite 'RC'"),
+        ("/evaluations", {"policy": "noop", "suite": "smoke", "episodes": 3}, "episodes",
+         "is chosen by suite 'smoke'"),
+        ("/leaderboard/snapshots", {"split": "best"}, "split", "'train', 'val' or 'test'"),
+        ("/leaderboard/snapshots", {"note": "x" * 2001}, "note", "at most 2000"),
+        ("/batches", {"matrix": {"policies": ["noop"], "suites": []}}, "matrix.suites",
+         "at least 1"),
+        ("/batches", {"matrix": {"policies": ["noop"], "suites": ["all"]}}, "matrix.suites.0",
+         "'smoke', 'RC'"),
         ("/batches", {"items": [1]}, "items.0", "dictionary"),
         ("/batches", {"items": [{}] * 201}, "items", "at most 200"),
         ("/batches", {"matrix": {"policies": []}}, "matrix.policies", "at least 1"),
@@ -197,6 +224,15 @@ def test_a_wrong_field_is_named_with_what_is_allowed(
     [
         ("/leaderboard", {"split": "best"}, "split"),
         ("/leaderboard", {"verdict": "both"}, "verdict"),
+        ("/comparisons", {"a": "expert"}, "b"),
+        ("/comparisons", {"a": "nobody", "b": "expert"}, "a"),
+        ("/comparisons", {"a": "noop", "b": "expert"}, "a"),  # has nothing completed
+        ("/comparisons", {"a": "expert", "b": "expert", "split": "best"}, "split"),
+        ("/leaderboard/snapshots", {"cursor": "WyJhIl0"}, "cursor"),  # ["a"]
+        ("/policies", {"cursor": "WzFd"}, "cursor"),
+        ("/users", {"limit": "0"}, "limit"),
+        ("/tokens", {"cursor": "nonsense"}, "cursor"),
+        ("/queue", {"limit": "0"}, "limit"),
         ("/evaluations", {"state": "asleep"}, "state"),
         ("/evaluations", {"limit": "0"}, "limit"),
         ("/evaluations", {"limit": "201"}, "limit"),
@@ -219,6 +255,7 @@ def test_a_wrong_field_is_named_with_what_is_allowed(
         ("/episodes", {"exact": "2"}, "exact"),
         ("/episodes", {"state": "done"}, "state"),
         ("/episodes", {"task": "x" * 81}, "task"),
+        ("/episodes", {"label": "x" * 81}, "label"),
         ("/episodes", {"evaluation": "x" * 81}, "evaluation"),
     ],
 )

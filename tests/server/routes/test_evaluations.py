@@ -89,7 +89,7 @@ def test_resuming_over_rest(here: TestClient) -> None:
         worker = Worker(hub_of(here), here)
         ended(hub_of(here), worker, "out of memory")
     assert here.get(path).json()["state"] == "incomplete"
-    attempts = here.get(f"{path}/attempts").json()
+    attempts = here.get(f"{path}/attempts").json()["items"]
 
     answer = here.post(f"{path}/resumption")
 
@@ -105,38 +105,6 @@ def test_what_waits_says_why(here: TestClient) -> None:
     assert create(here, priority=1)["reason"] == "waits for a worker"
 
 
-def test_a_batch_tells_of_every_item(here: TestClient) -> None:
-    items = [SMALL, {"policy": "nobody"}, {"policy": "noop", "episodes": "all"}, {}, SMALL]
-
-    answer = here.post(f"{API}/batches", json={"items": items})
-
-    found = answer.json()["items"]
-    assert answer.status_code == 202
-    assert [one["status"] for one in found] == [202, 422, 422, 422, 202]
-    assert found[1]["problem"]["errors"][0]["field"] == "policy"
-    assert found[2]["problem"]["errors"][0]["field"] == "episodes"
-    assert found[3]["problem"]["errors"][0]["field"] == "policy"
-    there = [one["id"] for one in here.get(f"{API}/evaluations").json()["items"]]
-    assert there == [found[4]["evaluation"]["id"], found[0]["evaluation"]["id"]]
-
-
-def test_a_matrix_gives_every_policy_the_same(here: TestClient) -> None:
-    matrix = {"policies": ["expert", "nobody", "noop"], "tasks": ["search_drawer"], "episodes": 1}
-
-    found = here.post(f"{API}/batches", json={"matrix": matrix}).json()["items"]
-
-    assert [one["status"] for one in found] == [202, 422, 202]
-    assert [found[n]["evaluation"]["policy"] for n in (0, 2)] == ["expert", "noop"]
-    assert all(found[n]["evaluation"]["episodes"] == 1 for n in (0, 2))
-
-
-def test_an_empty_batch_is_refused(here: TestClient) -> None:
-    answer = here.post(f"{API}/batches", json={})
-
-    assert answer.status_code == 422
-    assert "list evaluations, or give a matrix" in problem_of(answer)["detail"]
-
-
 def test_a_restart_takes_back_what_was_handed_out(tmp_path: Path) -> None:
     with client(tmp_path) as here:
         id = create(here)["id"]
@@ -149,7 +117,7 @@ def test_a_restart_takes_back_what_was_handed_out(tmp_path: Path) -> None:
 
     with client(tmp_path) as here:
         stands = here.get(f"{API}/evaluations/{id}").json()
-        attempts = here.get(f"{API}/evaluations/{id}/attempts").json()
+        attempts = here.get(f"{API}/evaluations/{id}/attempts").json()["items"]
         worker.client = here
         late = worker.finish(worker.episodes[1])
 
@@ -159,16 +127,3 @@ def test_a_restart_takes_back_what_was_handed_out(tmp_path: Path) -> None:
         ]
         assert late.status_code == 409
         assert list(hub_of(here).folder.growing.iterdir()) == []
-
-
-def test_a_batch_with_a_name_that_is_no_text_still_tells_of_its_other_items(
-    here: TestClient,
-) -> None:
-    content = b'{"items": [{"policy": "noop", "episodes": 1}, {"\\ud800": 1}]}'
-
-    answer = here.post(
-        f"{API}/batches", content=content, headers={"Content-Type": "application/json"}
-    )
-
-    assert answer.status_code == 202
-    assert [item["status"] for item in answer.json()["items"]] == [202, 422]

@@ -20,7 +20,7 @@ def test_versions_of_a_policy(here: TestClient) -> None:
 
 
 def test_the_built_in_policies_are_references(reader: TestClient) -> None:
-    found = reader.get(f"{API}/policies").json()
+    found = reader.get(f"{API}/policies").json()["items"]
 
     assert {one["policy"] for one in found} == {"expert", "amnesiac", "random", "noop"}
     assert all(one["reference"] and one["version"] == 1 for one in found)
@@ -57,3 +57,19 @@ def test_a_replay_needs_final_episodes(reader: TestClient) -> None:
     assert "no final search_drawer-test-002 to replay" in problem_of(more)["detail"]
     assert same.status_code == 202
     reader.post(f"{API}/evaluations/{same.json()['id']}/cancellation")
+
+
+def test_policies_come_in_pages_the_newest_first(here: TestClient) -> None:
+    policy = {"name": "mine", "spec": {"kind": "builtin", "name": "noop"}}
+    made = [here.post(f"{API}/policies", json=policy).json()["id"] for _ in range(3)]
+
+    found, cursor = [], None
+    while True:
+        query = {"limit": 2} | ({"cursor": cursor} if cursor else {})
+        page = here.get(f"{API}/policies", params=query).json()
+        found += [one["id"] for one in page["items"]]
+        if (cursor := page["next"]) is None:
+            break
+
+    assert found[:3] == made[::-1]
+    assert len(set(found)) == len(found) == 7  # and the built-in ones

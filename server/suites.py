@@ -1,0 +1,65 @@
+"""Parts of the suite that have names: `smoke`, one category, `full`.
+
+`smoke` asks whether a policy plays at all: one episode of one task of each category, of the
+validation split unless another is named, for a first try should not look at held-out episodes.
+"""
+
+from collections.abc import Iterable
+from functools import cache
+
+from hide_tasks import ALL_TASKS, load, suite
+from hide_tasks.contract import Category, Split
+from server.models import Evaluation
+from server.problems import invalid
+from server.schemas import Covers, EvaluationCreate
+from workers.results import in_order
+
+SMOKE_SPLIT: Split = "val"
+CHOOSES = ("tasks", "category", "episodes")  # what a name chooses by itself
+
+
+def resolved(wanted: EvaluationCreate) -> EvaluationCreate:
+    """What is asked for, with its suite's tasks and episodes written out.
+
+    Raises:
+        Problem: 422, it names a suite and tasks, a category or a number of episodes as well.
+    """
+    if wanted.suite is None:
+        return wanted
+    for name in CHOOSES:
+        if getattr(wanted, name) is not None:
+            raise invalid(name, f"is chosen by suite '{wanted.suite}'; give one of them")
+    if wanted.suite == "smoke":
+        split = wanted.split if "split" in wanted.model_fields_set else SMOKE_SPLIT
+        return wanted.model_copy(update={"tasks": smoke_tasks(), "episodes": 1, "split": split})
+    category = None if wanted.suite == "full" else Category(wanted.suite)
+    return wanted.model_copy(update={"category": category})
+
+
+@cache
+def _by_category() -> dict[str, list[str]]:
+    found: dict[str, list[str]] = {str(category): [] for category in Category}
+    for task in ALL_TASKS:
+        found[str(load(task).category)].append(task)
+    return found
+
+
+def smoke_tasks() -> list[str]:
+    """Of each category the task that takes the fewest decisions."""
+    groups = [tasks for tasks in _by_category().values() if tasks]
+    return in_order([min(tasks, key=lambda task: load(task).budget()) for tasks in groups])
+
+
+def covers(evaluation: Evaluation) -> Covers:
+    """The suite that an evaluation plays the whole of; "part" if it is none."""
+    played = set(evaluation.tasks)
+    if evaluation.episodes == suite.SPLITS.get(evaluation.split):  # type: ignore[call-overload]
+        named: Iterable[tuple[Covers, list[str]]] = [
+            ("full", list(ALL_TASKS)),
+            ("RC", _by_category()["RC"]),
+            ("HSR", _by_category()["HSR"]),
+            ("EPT", _by_category()["EPT"]),
+        ]
+        return next((name for name, tasks in named if played == set(tasks)), "part")
+    whole = evaluation.episodes == 1 and played == set(smoke_tasks())
+    return "smoke" if whole else "part"

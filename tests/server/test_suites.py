@@ -1,0 +1,64 @@
+"""Named parts of the suite: what each plays, and what an evaluation covers."""
+
+from collections.abc import Iterator
+from typing import get_args
+
+import pytest
+
+from hide_tasks import ALL_TASKS, load
+from hide_tasks.contract import Category
+from server import suites
+from server.db import Database
+from server.problems import Problem
+from server.schemas import EvaluationCreate, SuiteName
+from tests.server import ledgers
+
+
+@pytest.fixture(scope="module")
+def database(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Database]:
+    opened = ledgers.opened(tmp_path_factory.mktemp("suites"))
+    yield opened
+    opened.close()
+
+
+def test_a_first_try_plays_one_task_of_each_category() -> None:
+    tasks = suites.smoke_tasks()
+
+    assert sorted(load(task).category for task in tasks) == sorted(Category)
+    for task in ALL_TASKS:
+        rival = next(one for one in tasks if load(one).category is load(task).category)
+        assert load(rival).budget() <= load(task).budget()
+
+
+@pytest.mark.parametrize("name", get_args(SuiteName))
+@pytest.mark.parametrize("split", ["val", "test"])
+def test_an_evaluation_covers_the_suite_that_was_asked_for(
+    database: Database, name: str, split: str
+) -> None:
+    with database.writing() as session:
+        made = ledgers.created(session, "noop", suite=name, split=split)
+
+        assert (suites.covers(made), made.split) == (name, split)
+
+
+@pytest.mark.parametrize(
+    "wanted",
+    [{"episodes": 24}, {"tasks": [*ALL_TASKS][1:]}, {"category": "RC", "episodes": 1},
+     {"tasks": ["search_drawer"], "episodes": 1}],
+)  # fmt: skip
+def test_what_is_less_covers_a_part(database: Database, wanted: dict) -> None:
+    with database.writing() as session:
+        assert suites.covers(ledgers.created(session, "noop", **wanted)) == "part"
+
+
+def test_a_first_try_does_not_look_at_held_out_episodes() -> None:
+    assert suites.resolved(EvaluationCreate(policy="noop", suite="smoke")).split == "val"
+    assert suites.resolved(EvaluationCreate(policy="noop", suite="full")).split == "test"
+
+
+@pytest.mark.parametrize(
+    "wanted", [{"tasks": ["search_drawer"]}, {"category": "RC"}, {"episodes": 1}]
+)
+def test_a_suite_chooses_by_itself(wanted: dict) -> None:
+    with pytest.raises(Problem, match="is chosen by suite 'RC'"):
+        suites.resolved(EvaluationCreate(policy="noop", suite="RC", **wanted))
