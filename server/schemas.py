@@ -109,6 +109,8 @@ class UploadPublic(BaseModel):
     """How far an upload is."""
 
     id: str
+    name: str  # of the policy
+    sha256: str | None  # that the client says the file has
     offset: int  # bytes that have come
     length: int
     expires: datetime
