@@ -36,7 +36,9 @@ def main(url: str, name: str, tasks: list[str]) -> int:
             elif one.kind == "episode" and one.data["state"] == "final" and one.data["failure"]:
                 print(describe(client, one.data["id"]))
         done = client.evaluation(evaluation.id)
-    print(f"{done.verdicts.exact.successes} of {done.verdicts.exact.episodes} exact", file=sys.stderr)
+    print(
+        f"{done.verdicts.exact.successes} of {done.verdicts.exact.episodes} exact", file=sys.stderr
+    )
     return 0 if done.state == "completed" else 1
 
 

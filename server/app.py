@@ -17,11 +17,13 @@ from server.routes import (
     catalogue,
     episodes,
     evaluations,
+    exports,
     health,
     internal,
     people,
     policies,
     uploads,
+    webhooks,
 )
 from server.schemas import ProblemDocument
 from server.settings import Settings
@@ -94,6 +96,16 @@ def _described(app: FastAPI) -> dict[str, Any]:
 
 def _api() -> APIRouter:
     api = APIRouter()
-    for routes in (catalogue, policies, uploads, evaluations, episodes, people, health):
+    for routes in (
+        catalogue,
+        policies,
+        uploads,
+        evaluations,
+        episodes,
+        exports,
+        people,
+        webhooks,
+        health,
+    ):
         api.include_router(routes.router)
     return api

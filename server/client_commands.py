@@ -32,6 +32,7 @@ AsJson = Annotated[bool, Option("--json", help="Print JSON.")]
 class Format(StrEnum):
     json = "json"
     csv = "csv"
+    jsonl = "jsonl"
     latex = "latex"
     zip = "zip"
 
@@ -91,16 +92,19 @@ def export(
     what: Annotated[str, Argument(metavar="WHAT", help="leaderboard, or an evaluation's id: ev_…")],
     format: Annotated[
         Format,
-        Option(help="latex: rows of the paper's table. zip: of an evaluation, everything."),
+        Option(
+            help="latex: rows of the paper's table. Of an evaluation also jsonl: a document per "
+            "episode with its decisions; zip: everything."
+        ),
     ] = Format.csv,
     out: Annotated[Path | None, Option(help="A file. Default: standard output.")] = None,
     server: Server = None,
 ) -> None:
-    """Write the leaderboard or an evaluation as JSON, CSV, LaTeX, or a zip with every decision."""
+    """Write the leaderboard or an evaluation as JSON, CSV or LaTeX, or all of it as a zip."""
     if format is Format.zip and (out is None and sys.stdout.isatty()):
         raise BadUsage("--format zip: give --out FILE; a terminal cannot show it.")
-    if format is Format.zip and what == "leaderboard":
-        raise BadUsage("--format zip: is of an evaluation; the leaderboard has json, csv, latex.")
+    if what == "leaderboard" and format in (Format.zip, Format.jsonl):
+        raise BadUsage(f"--format {format}: is of an evaluation; give json, csv or latex.")
     path = "/leaderboard" if what == "leaderboard" else f"/evaluations/{what}"
     with connected(server) as client:
         if out is not None:

@@ -11,12 +11,13 @@ from sqlalchemy import inspect, text
 from sqlalchemy.exc import IntegrityError, OperationalError
 
 from hide_tasks.contract import Failure
-from server import audit, credentials, lifecycle, policies, uploads, users
+from server import audit, credentials, lifecycle, policies, uploads, users, webhooks
 from server.access import Scope
 from server.blobs import Blobs
 from server.commit import commit
 from server.db import Database, examine, known_revisions, migrate, migrations
 from server.models import Attempt, Base
+from server.states import WebhookEvent
 from tests.server import ledgers
 
 
@@ -59,6 +60,12 @@ def fill(database: Database, folder: Path) -> None:
         wanted = {"length": 7, "name": "mine", "description": "", "sha256": None}
         uploads.create(session, owner.id, **wanted)
         audit.note(session, "test", "", principal=None)
+        hook = webhooks.create(
+            session, owner.id, url="https://x", events=list(WebhookEvent), everybodys=True,
+            description="",
+        )  # fmt: skip
+        hook.after = 0
+        webhooks.collect(session)
 
 
 def test_up_from_nothing_equals_the_models(database: Database) -> None:

@@ -69,7 +69,7 @@ def test_what_does_not_complete_is_exit_status_1(capfd, server: tuple[Hub, str])
         ("watch ev_nothing", "No evaluation 'ev_nothing'"),
         ("watch ev_nothing --server nowhere", "nowhere is no address such as http://"),
         ("export ev_nothing", "No evaluation 'ev_nothing'"),
-        ("export leaderboard --format zip --out x", "the leaderboard has json, csv, latex"),
+        ("export leaderboard --format zip --out x", "is of an evaluation; give json, csv or latex"),
     ],
 )
 def test_a_mistake_is_one_clear_line(

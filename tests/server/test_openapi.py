@@ -43,6 +43,8 @@ def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
                 "task": ["search_drawer"],
                 "token": ["01arz3ndektsv4rrffq69g5fav"],
                 "user": ["owner"],
+                "webhook": ["wh_01ARZ3NDEKTSV4RRFFQ69G5FAV"],
+                "delivery": ["msg_01ARZ3NDEKTSV4RRFFQ69G5FAV"],
             },
         )
 

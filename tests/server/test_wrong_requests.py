@@ -20,12 +20,19 @@ ID_ROUTES = [
     ("GET", "/evaluations/{}/attempts"),
     ("GET", "/evaluations/{}/failures"),
     ("GET", "/evaluations/{}/episodes"),
+    ("GET", "/evaluations/{}/export"),
     ("GET", "/evaluations/{}/events"),
     ("POST", "/evaluations/{}/cancellation"),
     ("POST", "/evaluations/{}/resumption"),
     ("GET", "/tokens/{}"),
     ("POST", "/tokens/{}/revocation"),
     ("GET", "/users/{}"),
+    ("GET", "/webhooks/{}"),
+    ("DELETE", "/webhooks/{}"),
+    ("POST", "/webhooks/{}/secret"),
+    ("POST", "/webhooks/{}/trial"),
+    ("GET", "/webhooks/{}/deliveries"),
+    ("POST", "/webhooks/{}/deliveries/{}/repetition"),
     ("GET", "/episodes/{}"),
     ("GET", "/episodes/{}/decisions"),
     ("GET", "/episodes/{}/changes"),
@@ -36,6 +43,7 @@ ID_ROUTES = [
 OTHER_ROUTES = [
     ("GET", "/tasks"),
     ("GET", "/leaderboard"),
+    ("GET", "/leaderboard/export"),
     ("GET", "/policies"),
     ("POST", "/policies"),
     ("POST", "/policies/checkpoints"),
@@ -50,6 +58,9 @@ OTHER_ROUTES = [
     ("POST", "/users"),
     ("POST", "/users/{}/changes"),
     ("GET", "/audit"),
+    ("GET", "/webhooks"),
+    ("POST", "/webhooks"),
+    ("POST", "/webhooks/{}/changes"),
     ("GET", "/health/live"),
     ("GET", "/health/ready"),
     ("GET", "/version"),
@@ -65,9 +76,9 @@ def test_every_route_is_tried(reader: TestClient) -> None:
         for method in methods
         if not path.startswith(f"{API}/uploads")  # routes/test_uploads.py has these
     }
-    tried = {(method, path.format("{}")) for method, path in ID_ROUTES + OTHER_ROUTES}
+    tried = set(ID_ROUTES + OTHER_ROUTES)
 
-    parameters = ("task", "policy", "evaluation", "episode", "token", "user")
+    parameters = ("task", "policy", "evaluation", "episode", "token", "user", "webhook", "delivery")
     for name in parameters:
         described = {(method, path.replace(f"{{{name}}}", "{}")) for method, path in described}
     assert described == tried
@@ -78,7 +89,7 @@ def test_every_route_is_tried(reader: TestClient) -> None:
 def test_an_unknown_id_is_not_found(
     reader: TestClient, method: str, path: str, unknown: str
 ) -> None:
-    answer = reader.request(method, API + path.format(unknown))
+    answer = reader.request(method, API + path.replace("{}", unknown))
 
     assert answer.status_code == 404
     assert problem_of(answer)["code"] == "not_found"
@@ -88,7 +99,9 @@ def test_an_unknown_id_is_not_found(
 def test_a_wrong_method_is_told_with_a_right_one(
     reader: TestClient, method: str, path: str
 ) -> None:
-    answer = reader.request("DELETE" if method == "POST" else "PATCH", API + path.format("x"))
+    answer = reader.request(
+        "DELETE" if method == "POST" else "PATCH", API + path.replace("{}", "x")
+    )
 
     assert answer.status_code == 405
     assert set(answer.headers["allow"].split(", ")) <= {"GET", "POST"}
@@ -169,6 +182,12 @@ def test_what_is_not_a_json_object_is_refused(
         ("/users", {"name": "ann", "role": "god"}, "role", "'viewer', 'submitter'"),
         ("/users", {"name": "owner", "role": "viewer"}, "name", "is taken"),
         ("/users", {"name": "ann", "role": "viewer", "password": "short"}, "password", "10 to 200"),
+        ("/webhooks", {}, "url", "required"),
+        ("/webhooks", {"url": "https://example.org", "events": []}, "events", "at least 1"),
+        ("/webhooks", {"url": "https://example.org", "events": ["all"]}, "events.0",
+         "'evaluation.queued'"),
+        ("/webhooks", {"url": "http://example.org"}, "url", "is not encrypted"),
+        ("/webhooks", {"url": "https://10.0.0.1"}, "url", "is not a public address"),
         ("/batches", {"items": [1]}, "items.0", "dictionary"),
         ("/batches", {"items": [{}] * 201}, "items", "at most 200"),
         ("/batches", {"matrix": {"policies": []}}, "matrix.policies", "at least 1"),
@@ -197,6 +216,7 @@ def test_a_wrong_field_is_named_with_what_is_allowed(
     [
         ("/leaderboard", {"split": "best"}, "split"),
         ("/leaderboard", {"verdict": "both"}, "verdict"),
+        ("/leaderboard/export", {"format": "zip"}, "format"),
         ("/evaluations", {"state": "asleep"}, "state"),
         ("/evaluations", {"limit": "0"}, "limit"),
         ("/evaluations", {"limit": "201"}, "limit"),
