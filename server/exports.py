@@ -26,10 +26,28 @@ from server.states import EpisodeState
 
 FORMULAS = ("=", "+", "-", "@", "\t", "\r")  # what a spreadsheet would calculate
 NOTE = "Measured in PyBullet; not comparable with the paper's table, measured in another simulator."
-EPISODE_COLUMNS = (
-    "evaluation policy task category split index variation state instruction success exact "
-    "failure detail decisions stage scene_hash final_state_hash sandbox committed id"
-).split()
+EPISODE_COLUMNS = [
+    "evaluation",
+    "policy",
+    "task",
+    "category",
+    "split",
+    "index",
+    "variation",
+    "state",
+    "instruction",
+    "success",
+    "exact",
+    "failure",
+    "detail",
+    "decisions",
+    "stage",
+    "scene_hash",
+    "final_state_hash",
+    "sandbox",
+    "committed",
+    "id",
+]
 
 
 class EvaluationFormat(StrEnum):
