@@ -3,17 +3,17 @@
 import csv
 import io
 import json
-import re
 import zipfile
 from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
 
 from hide_tasks import ALL_TASKS, load
 from hide_tasks.contract import EpisodeSpec, Failure
-from server import latex
-from server.exports import line_of
+from server import exports, latex, leaderboard
+from server.exports import LeaderboardFormat, line_of
+from server.models import now
+from server.schemas import Leaderboard, LeaderboardRow, RatePublic, Verdicts
 from tests.server import ledgers
 from tests.server.clients import API, TestClient, client, hub_of
 
@@ -119,7 +119,8 @@ def test_the_papers_columns_are_the_suites_tasks() -> None:
         assert {str(load(task).category) for task in tasks} == {category}
 
 
-def test_an_evaluation_that_has_not_begun_has_no_numbers(here: TestClient, evaluation: str) -> None:
+@pytest.mark.usefixtures("evaluation")  # which wants that nothing else waits
+def test_an_evaluation_that_has_not_begun_has_no_numbers(here: TestClient) -> None:
     asked = {"policy": "noop", "tasks": TASKS, "episodes": 1}
     waiting = here.post(f"{API}/evaluations", json=asked).json()["id"]
 
@@ -131,37 +132,71 @@ def test_an_evaluation_that_has_not_begun_has_no_numbers(here: TestClient, evalu
     here.post(f"{API}/evaluations/{waiting}/cancellation")
 
 
-@pytest.mark.slow
-def test_the_leaderboard_marks_the_best(tmp_path: Path) -> None:
-    with client(tmp_path) as here:
-        hub = hub_of(here)
-        for name, failing in (("good_one", 5), ("better", 1), ("bad", 25)):
-            ledgers.registered(hub.database, name)
-            ledgers.evaluated(
-                hub.database,
-                hub.blobs,
-                name,
-                lambda spec, failing=failing: Failure.UNDERCOUNT if spec.index < failing else None,
-            )
-        text = exported(here, "/leaderboard", format="latex").decode()
-        table = exported(here, "/leaderboard", format="csv").decode()
-        board = json.loads(exported(here, "/leaderboard", format="json"))
+def row_of(name: str, rank: int | None, successes: int) -> LeaderboardRow:
+    """A policy that has so many successes in the 25 episodes of every task."""
+    rate, whole = RatePublic.of(successes, 25), RatePublic.of(15 * successes, 375)
+    return LeaderboardRow(
+        rank=rank,
+        evaluation=f"ev_{name}",
+        policy=name,
+        version=1,
+        reference=rank is None,
+        ended=now(),
+        tasks={task: Verdicts(success=rate, exact=rate) for task in ALL_TASKS},
+        categories={},
+        overall=Verdicts(success=whole, exact=whole),
+    )
 
-        assert board == here.get(f"{API}/leaderboard").json()
 
-    rows = {row[0]: row[1:] for row in cells_of(text)}
-    assert list(rows) == ["better@1", r"good\_one@1", "bad@1"]
+@pytest.fixture(scope="module")
+def board() -> Leaderboard:
+    rows = [row_of("better", 1, 24), row_of("good_one", 2, 20), row_of("bad", 3, 0)]
+    return Leaderboard(
+        suite="hide 1",
+        split="test",
+        verdict="success",
+        columns=leaderboard.columns(),
+        ceilings={},
+        rows=[*rows, row_of("expert", None, 25)],
+        unlisted=0,
+    )
+
+
+def whole(board: Leaderboard, format: LeaderboardFormat) -> str:
+    return b"".join(exports.of_leaderboard(board, format)).decode()
+
+
+def test_latex_marks_the_best_of_the_leaderboard(board: Leaderboard) -> None:
+    rows = {row[0]: row[1:] for row in cells_of(whole(board, LeaderboardFormat.LATEX))}
+
+    assert list(rows) == ["better@1", r"good\_one@1", "bad@1", "expert@1"]
     assert rows["better@1"][:2] == [r"\textbf{96.0}", r"\textbf{96}"]
     assert rows[r"good\_one@1"][:2] == [r"\underline{80.0}", r"\underline{80}"]
     assert rows["bad@1"][:2] == ["0.0", "0"]
-    assert not re.search("--", "".join(rows["better@1"]))
-    found = list(csv.DictReader(io.StringIO(table)))
+    assert rows["expert@1"][:2] == ["100.0", "100"]  # it knows the hidden state
+    assert {len(row) for row in rows.values()} == {19}
+
+
+def test_csv_holds_a_line_per_policy(board: Leaderboard) -> None:
+    found = list(csv.DictReader(io.StringIO(whole(board, LeaderboardFormat.CSV))))
+
     assert [(row["rank"], row["policy"], row["success"]) for row in found] == [
         ("1", "better", "0.96"),
         ("2", "good_one", "0.8"),
         ("3", "bad", "0.0"),
+        ("", "expert", "1.0"),
     ]
     assert found[0]["success_search_drawer"] == "0.96" and found[0]["exact_episodes"] == "375"
+
+
+@pytest.mark.parametrize("format", list(LeaderboardFormat))
+def test_the_leaderboard_is_given_out(here: TestClient, format: LeaderboardFormat) -> None:
+    text = exported(here, "/leaderboard", format=format.value).decode()
+
+    if format is LeaderboardFormat.JSON:
+        assert json.loads(text) == here.get(f"{API}/leaderboard").json()
+    else:
+        assert len(text.splitlines()) == 1  # nobody is on it
 
 
 @pytest.mark.parametrize("text", ["=1+1", "+1", "-1", "@sum", "\t=1", "\r=1"])
