@@ -193,7 +193,7 @@ class Client:
 
     def evaluations(self, **wanted: Any) -> Iterator[EvaluationPublic]:
         """Evaluations, the newest first; `state` and `policy` may be given."""
-        return self._pages(EvaluationPublic, "/evaluations", wanted)
+        return self._pages(Page[EvaluationPublic], "/evaluations", wanted)
 
     def attempts(self, evaluation: str) -> list[AttemptPublic]:
         """Every try at one of its shards, the newest first."""
@@ -264,7 +264,7 @@ class Client:
     def episodes(self, evaluation: str | None = None, **wanted: Any) -> Iterator[EpisodePublic]:
         """Episodes of one evaluation, or of all; filtered as the API filters them."""
         path = f"/evaluations/{_part(evaluation)}/episodes" if evaluation else "/episodes"
-        return self._pages(EpisodePublic, path, wanted)
+        return self._pages(Page[EpisodePublic], path, wanted)
 
     def episode(self, id: str) -> EpisodeDetail:
         """One episode: verdicts, hashes, timing."""
@@ -317,11 +317,13 @@ class Client:
     def _post(self, kind: type[Answer], path: str, document: Any, **how: Any) -> Answer:
         return _read(kind, self.ask("POST", path, json=document, **how))
 
-    def _pages(self, kind: type[Answer], path: str, wanted: Mapping[str, Any]) -> Iterator[Answer]:
+    def _pages(
+        self, kind: type[Page[Answer]], path: str, wanted: Mapping[str, Any]
+    ) -> Iterator[Answer]:
         cursor = None
         while True:
             query = {"limit": 200, **wanted, "cursor": cursor}
-            page = self._get(Page[kind], path, query)  # type: ignore[valid-type]
+            page = self._get(kind, path, query)
             yield from page.items
             if (cursor := page.next) is None:
                 return

@@ -11,7 +11,7 @@ import secrets
 from base64 import b64encode
 from collections.abc import Collection, Sequence
 from datetime import datetime, timedelta
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 from sqlalchemy import Select, delete, func, select
 from sqlalchemy.orm import Session
@@ -23,6 +23,7 @@ from server.schemas import DeliveryPublic, Page, WebhookPublic
 from server.states import DeliveryState, WebhookEvent
 from workers.remote import egress
 
+Wanted = TypeVar("Wanted", bound=Select[Any])
 SCHEMES = ("https", "http")  # the latter only where the operator lets it
 MOST = 10  # webhooks of one user
 AT_ONCE = 500  # events that are looked at in one transaction
@@ -254,7 +255,7 @@ def next_due(session: Session, busy: Collection[str] = ()) -> datetime | None:
     return session.scalar(_waiting(select(func.min(Delivery.due)), busy))
 
 
-def _waiting(wanted: Select[Any], busy: Collection[str]) -> Select[Any]:
+def _waiting(wanted: Wanted, busy: Collection[str]) -> Wanted:
     return (
         wanted.join(Webhook, Webhook.id == Delivery.webhook_id)
         .join(User, User.id == Webhook.owner_id)

@@ -1,6 +1,7 @@
 """Evaluations and the leaderboard as files."""
 
 from collections.abc import Iterator
+from typing import Any
 
 from fastapi.responses import StreamingResponse
 
@@ -14,8 +15,10 @@ from server.schemas import Verdict
 router = Router(tags=["exports"])
 
 
-def _of(formats: type[EvaluationFormat] | type[LeaderboardFormat]) -> dict[int | str, object]:
-    content = {MEDIA_TYPES[one].partition(";")[0]: {} for one in formats}
+def _of(
+    formats: type[EvaluationFormat] | type[LeaderboardFormat],
+) -> dict[int | str, dict[str, Any]]:
+    content: dict[str, Any] = {MEDIA_TYPES[one].partition(";")[0]: {} for one in formats}
     return {200: {"description": "The file.", "content": content}}
 
 
