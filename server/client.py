@@ -43,7 +43,8 @@ Told = Callable[[int, int], None]  # of an upload: bytes that have come, of how 
 LOCAL = "http://127.0.0.1:8000"
 LOOPBACK = ("127.0.0.1", "localhost", "::1")
 API = "/api/v1"
-TRIES = 5  # in a row, without anything coming of it
+TRIES = 5  # in a row, without anything coming of it: 4 s
+PATIENT_TRIES = 12  # of who watches, perhaps while a server is updated: two minutes
 LONGEST_WAIT = 30.0  # s between two tries
 SILENCE = 60.0  # s without a byte of the events, which come every 15 s at least
 PASSING = (502, 503, 504)  # statuses of a server that will do it later
@@ -218,8 +219,10 @@ class Client:
         Raises:
             ServerProblem: there is no such evaluation, or the server stays away.
         """
+        self.evaluation(evaluation)  # what is wrong from the start is said at once
         tries = 0
         while True:
+            why: object = "the events broke off"
             try:
                 for one in self._stream(evaluation, after):
                     after, tries = one.number or after, 0
@@ -227,10 +230,9 @@ class Client:
                 stands = self.evaluation(evaluation)
                 if stands.state in ENDED and stands.last_event <= after:
                     return
-            except (httpx.TransportError, SSEError) as error:
-                tries = self.next_try(tries, error)
-            else:
-                tries = self.next_try(tries, "the events broke off")
+            except (httpx.TransportError, SSEError, Unreachable) as error:
+                why = error
+            tries = self.next_try(tries, why, most=PATIENT_TRIES)
 
     def _stream(self, evaluation: str, after: int) -> Iterator[Happening]:
         headers = {
@@ -358,13 +360,15 @@ class Client:
             else:
                 return answer
 
-    def next_try(self, tries: int, why: object, wait: float | None = None) -> int:
+    def next_try(
+        self, tries: int, why: object, wait: float | None = None, most: int | None = None
+    ) -> int:
         """Waits before one more try; how many there were.
 
         Raises:
             ServerProblem: it was the last one.
         """
-        if tries + 1 >= TRIES:
+        if tries + 1 >= (most or TRIES):
             if isinstance(why, httpx.Response):
                 refuse(why)
             raise Unreachable(f"{self.http.base_url} cannot be reached: {why or type(why)}")

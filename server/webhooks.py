@@ -163,7 +163,8 @@ def behind(session: Session) -> bool:
 def collect(session: Session) -> None:
     """Makes deliveries of the events since the last time."""
     last = newest(session)
-    for hook in session.scalars(select(Webhook).where(Webhook.active, Webhook.after < last)):
+    behind = select(Webhook).where(Webhook.active, Webhook.after < last)
+    for hook in session.scalars(behind).all():
         found = session.execute(
             select(Event, Evaluation)
             .join(Evaluation, Event.evaluation_id == Evaluation.id)

@@ -12,9 +12,11 @@ from server import client as clients
 from server.client import Client, Happening, ServerProblem, Unreachable
 from server.hub import Hub
 from server.states import EvaluationState
+from tests.processes import wait_for
 from tests.server import ledgers
 from tests.server.clients import served
 from tests.server.cuts import cut_way
+from tests.server.running import RunningServer
 from workers.protocol import BuiltInPolicy
 
 SMALL = {"tasks": ["search_drawer"], "episodes": 7}
@@ -154,6 +156,28 @@ def test_events_of_what_has_ended_are_told_from_a_number_on(here: Client, hub: H
     later = [one.number for one in here.events(evaluation, every[3]) if one.number is not None]
 
     assert later == every[4:]
+
+
+@pytest.mark.slow
+def test_a_server_that_is_killed_and_started_again_is_watched_on(tmp_path: Path) -> None:
+    """By one that plays nothing; what it lost would be lost to whoever watches."""
+    with RunningServer(tmp_path / "data", "--no-references", workers=0) as server:
+        port = server.url.rpartition(":")[2]
+        with Client(server.url) as client:
+            evaluation = client.evaluate("noop", **SMALL).id
+            told: list[Happening] = []
+            watching = threading.Thread(target=client.wait, args=[evaluation, told.append])
+            watching.start()
+            wait_for(lambda: told, "the first event")
+            server.kill()
+            server.start(port)
+            with Client(server.url) as other:
+                other.cancel(evaluation)
+            watching.join(60)
+
+    assert not watching.is_alive()
+    ends = [one.data["state"] for one in told if one.kind == "evaluation"]
+    assert ends == ["queued", "cancelled"]
 
 
 def test_an_upload_goes_on_where_it_was_cut(
