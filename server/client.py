@@ -91,6 +91,9 @@ class Client:
         token: `hide_…`; a server of one's own machine asks for none.
         timeout: s without an answer.
         transport: for httpx, in place of the network.
+
+    Raises:
+        ValueError: the address is none.
     """
 
     def __init__(
@@ -102,12 +105,13 @@ class Client:
         transport: httpx.BaseTransport | None = None,
     ):
         headers = {"Authorization": f"Bearer {token}"} if token else {}
+        address = _address(server)
         self.http = httpx.Client(
-            base_url=server,
+            base_url=address,
             headers=headers,
             timeout=timeout,
             transport=transport,
-            trust_env=httpx.URL(server).host not in LOOPBACK,  # no proxy leads back here
+            trust_env=address.host not in LOOPBACK,  # no proxy leads back here
         )
 
     def __enter__(self) -> Self:
@@ -384,6 +388,16 @@ def _passes(answer: httpx.Response, repeat: bool) -> float | None:
     if not told.isdecimal():
         return None if answer.status_code == 429 else 0.0
     return float(told) if float(told) <= LONGEST_WAIT else None
+
+
+def _address(server: str) -> httpx.URL:
+    try:
+        address = httpx.URL(server)
+    except httpx.InvalidURL:
+        address = httpx.URL()
+    if address.scheme not in ("http", "https") or not address.host:
+        raise ValueError(f"{server} is no address such as {LOCAL}.")
+    return address
 
 
 def _part(id: str) -> str:

@@ -123,20 +123,20 @@ def connected(server: str | None) -> Iterator["Client"]:
     Raises:
         BadUsage: it said no.
     """
-    import httpx
-
     from server.client import LOCAL, Client, ServerProblem, Unreachable
 
     try:
-        with Client(server or os.environ.get("HIDE_URL") or LOCAL, _token()) as client:
+        client = Client(server or os.environ.get("HIDE_URL") or LOCAL, _token())
+    except ValueError as error:
+        raise BadUsage(str(error)) from None
+    try:
+        with client:
             yield client
     except Unreachable as error:
         raise ConnectionError(error.detail) from None
     except ServerProblem as error:
         hint = "" if error.status != 401 else " Set HIDE_TOKEN to a token of yours."
         raise BadUsage(f"{error.detail}{hint}") from None
-    except (httpx.InvalidURL, httpx.UnsupportedProtocol) as error:
-        raise BadUsage(f"{server} is no address such as {LOCAL}: {error}.") from None
 
 
 def _token() -> str | None:

@@ -41,7 +41,7 @@ class CutWay:
 
     def _pass(self, source: socket.socket, sink: socket.socket, left: list[int]) -> None:
         with suppress(OSError):
-            while (piece := source.recv(65536)) and left[0] > 0:
+            while (piece := source.recv(4096)) and left[0] > 0:
                 sink.sendall(piece)
                 left[0] -= len(piece)
             self.cuts += left[0] <= 0
