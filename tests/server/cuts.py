@@ -27,6 +27,7 @@ class CutWay:
         return self
 
     def __exit__(self, *_: object) -> None:
+        _end(self._listening)
         self._listening.close()
 
     def _run(self) -> None:
@@ -35,19 +36,29 @@ class CutWay:
                 here, _ = self._listening.accept()
                 there = socket.create_connection(("127.0.0.1", self.port))
                 share = self.shares.pop(0) if len(self.shares) > 1 else self.shares[0]
-                left = [share]
-                for pair in ((here, there), (there, here)):
-                    threading.Thread(target=self._pass, args=(*pair, left), daemon=True).start()
+                threading.Thread(target=self._carry, args=(here, there, share), daemon=True).start()
+
+    def _carry(self, here: socket.socket, there: socket.socket, share: int) -> None:
+        left = [share]
+        with here, there:
+            up = threading.Thread(target=self._pass, args=(here, there, left), daemon=True)
+            up.start()
+            self._pass(there, here, left)
+            up.join()
+        self.cuts += left[0] <= 0
 
     def _pass(self, source: socket.socket, sink: socket.socket, left: list[int]) -> None:
         with suppress(OSError):
-            while (piece := source.recv(4096)) and left[0] > 0:
+            while left[0] > 0 and (piece := source.recv(4096)):
                 sink.sendall(piece)
                 left[0] -= len(piece)
-            self.cuts += left[0] <= 0
-        for one in (source, sink):
-            with suppress(OSError):
-                one.shutdown(socket.SHUT_RDWR)
+        _end(source)
+        _end(sink)
+
+
+def _end(connection: socket.socket) -> None:
+    with suppress(OSError):
+        connection.shutdown(socket.SHUT_RDWR)
 
 
 @contextmanager

@@ -103,4 +103,6 @@ def dripping(answer: Callable[[int], bytes]) -> Iterator[str]:
         yield f"http://127.0.0.1:{listening.getsockname()[1]}/"
     finally:
         stop.set()
+        with suppress(OSError):
+            listening.shutdown(socket.SHUT_RDWR)
         listening.close()
