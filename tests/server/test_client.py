@@ -188,8 +188,8 @@ def test_an_upload_goes_on_where_it_was_cut(
 
     with cut_way(running[1], 5 * 2**20, 5 * 2**20, 10**9) as way, Client(way.url) as far:
         with pytest.raises(ServerProblem, match="is no checkpoint"):
-            far.upload(file, "random", told=lambda come, _: steps.append(come))
-        [left] = [one for one in far.uploads() if one.name == "random"]
+            far.upload(file, "weights", told=lambda come, _: steps.append(come))
+        [left] = [one for one in far.uploads() if one.name == "weights"]
 
     assert way.cuts >= 2
     assert steps == sorted(steps) and steps[-1] == left.offset == file.stat().st_size
