@@ -167,9 +167,7 @@ def _handed_in(
             raise BadUsage(str(error)) from None
         return client.register(name, spec, description).id
     if maps is not None:
-        raise BadUsage(
-            f"--maps {maps}: declares a policy such as ws://host:port; {policy} is none."
-        )
+        raise BadUsage(f"--maps {maps}: is for ws://host:port; {policy} is none.")
     if policy.endswith(SUFFIX):
         return _uploaded(client, Path(policy), name or _name_of(Path(policy)), description)
     return client.policy(policy).id
