@@ -18,6 +18,7 @@ from server.routes import (
     catalogue,
     episodes,
     evaluations,
+    exports,
     health,
     internal,
     labels,
@@ -26,6 +27,7 @@ from server.routes import (
     snapshots,
     uploads,
     waiting,
+    webhooks,
 )
 from server.schemas import ProblemDocument
 from server.settings import Settings
@@ -112,8 +114,10 @@ def _api() -> APIRouter:
         waiting,
         episodes,
         labels,
+        exports,
         snapshots,
         people,
+        webhooks,
         health,
     ):
         api.include_router(routes.router)

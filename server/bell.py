@@ -9,10 +9,12 @@ class Bell:
 
     Attributes:
         reconciler: set when there may be something to hand out or to stop.
+        committed: set when anything was committed.
     """
 
     def __init__(self) -> None:
         self.reconciler = threading.Event()
+        self.committed = threading.Event()
         self.closing = False
         self._loop: asyncio.AbstractEventLoop | None = None
         self._changed: asyncio.Event | None = None
@@ -24,6 +26,7 @@ class Bell:
 
     def ring(self) -> None:
         """Something was committed."""
+        self.committed.set()
         if self._loop is not None and not self._loop.is_closed():
             self._loop.call_soon_threadsafe(self._tell)
 

@@ -15,7 +15,7 @@ from typing import Annotated, Any
 import typer
 from typer import Argument, Option
 
-from server import people_commands
+from server import client_commands, people_commands
 from server.arguments import BadUsage, chosen_tasks, episode_count, new_folder, settings_of
 
 BAD_USAGE = 2
@@ -67,6 +67,8 @@ AsJson = Annotated[bool, Option("--json", help="Print JSON instead of a table.")
 
 app.add_typer(people_commands.user, name="user")
 app.add_typer(people_commands.token, name="token")
+for of_a_server in (client_commands.submit, client_commands.watch, client_commands.export):
+    app.command()(of_a_server)
 
 
 @app.callback(invoke_without_command=True)

@@ -241,6 +241,21 @@ def counts(session: Session, evaluations: Iterable[str]) -> dict[str, Counts]:
     return {id: Counts(*numbers) for id, *numbers in found}
 
 
+def counts_by_task(session: Session, evaluation: str) -> dict[str, Counts]:
+    """The final episodes of one evaluation by task."""
+    found = session.execute(
+        select(
+            Episode.task,
+            func.count(),
+            func.sum(cast(Episode.success, Integer)),
+            func.sum(cast(Episode.exact, Integer)),
+        )
+        .where(Episode.evaluation_id == evaluation, Episode.state == EpisodeState.FINAL)
+        .group_by(Episode.task)
+    )
+    return {task: Counts(number, number, 0, *both) for task, number, *both in found}
+
+
 def verdicts(counted: Counts) -> Verdicts:
     """Both rates over the final episodes."""
     return Verdicts(

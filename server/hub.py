@@ -12,6 +12,7 @@ from server.bell import Bell
 from server.blobs import Blobs
 from server.data_folder import DataFolder
 from server.db import Database
+from server.deliverer import Deliverer
 from server.growing import GrowingRecordings
 from server.reconciler import Reconciler
 from server.settings import EVERY_ADDRESS, Settings
@@ -65,6 +66,7 @@ class Hub:
         self.blobs = Blobs(self.folder.blobs)
         self.uploads = Uploads(self.folder.uploads)
         self.recordings = GrowingRecordings(self.folder.growing)
+        self.deliverer = Deliverer(self.database, self.bell, self.settings.allow_webhook)
         self.owner = Principal(
             self.owner_id, users.OWNER, Role.ADMIN, Role.ADMIN.scopes, via="local"
         )
@@ -114,6 +116,7 @@ class Hub:
                 logger.warning("Nobody may sign in yet: hide user add NAME --role admin")
             if self.settings.references:
                 first_run.evaluate_references(session)
+        self.deliverer.start()
         if self.settings.workers:
             self._start_workers(self.settings.workers)
 
@@ -154,6 +157,7 @@ class Hub:
     def stop(self) -> None:
         """Stops workers and lets go of the data folder; nothing that is final is lost."""
         self.bell.close()
+        self.deliverer.stop()
         if self.reconciler:
             self.reconciler.stop()
         if self.engine:

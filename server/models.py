@@ -418,3 +418,42 @@ class LeaderboardSnapshot(Base):
     created: Mapped[datetime] = mapped_column(default=now)
     owner_id: Mapped[str | None] = mapped_column(ForeignKey("users.id"))
     owner: Mapped[User | None] = relationship(lazy="joined")
+
+
+class Webhook(Base):
+    """An address that is told what happens to evaluations."""
+
+    __tablename__ = "webhooks"
+    id: Mapped[str] = mapped_column(Id, primary_key=True)
+    owner_id: Mapped[str] = mapped_column(ForeignKey("users.id"), index=True)
+    url: Mapped[str] = mapped_column(String(500))
+    description: Mapped[str] = mapped_column(default="")
+    events: Mapped[list[Any]]
+    everybodys: Mapped[bool] = mapped_column(default=False)  # else the owner's evaluations alone
+    secret: Mapped[str] = mapped_column(Name)  # as it is: what signs must be known
+    active: Mapped[bool] = mapped_column(default=True)
+    reason: Mapped[str | None]  # why it is not active
+    after: Mapped[int]  # the last event of which its deliveries are made
+    created: Mapped[datetime] = mapped_column(default=now)
+
+
+class Delivery(Base):
+    """An event on its way to a webhook; its id stays the same over all tries."""
+
+    __tablename__ = "deliveries"
+    __table_args__ = (
+        UniqueConstraint("webhook_id", "event_seq"),
+        Index("deliveries_by_due", "state", "due"),
+        {"sqlite_autoincrement": True},
+    )
+    number: Mapped[int] = mapped_column(primary_key=True)
+    id: Mapped[str] = mapped_column(Id, unique=True)
+    webhook_id: Mapped[str] = mapped_column(ForeignKey("webhooks.id"))
+    event_seq: Mapped[int | None] = mapped_column(ForeignKey("events.seq"))  # null: a trial
+    kind: Mapped[str] = mapped_column(Name)
+    body: Mapped[str]
+    state: Mapped[str] = mapped_column(Name, default="pending")
+    tries: Mapped[list[Any]]  # {time, status, error} of each
+    due: Mapped[datetime | None] = mapped_column(default=now)  # null: it is not sent any more
+    created: Mapped[datetime] = mapped_column(default=now)
+    webhook: Mapped[Webhook] = relationship(lazy="joined")

@@ -23,7 +23,14 @@ from hide_tasks.contract import (
 )
 from hide_tasks.statistics import Rate
 from server.access import Role, Scope
-from server.states import AttemptState, Desired, EpisodeState, EvaluationState
+from server.states import (
+    AttemptState,
+    DeliveryState,
+    Desired,
+    EpisodeState,
+    EvaluationState,
+    WebhookEvent,
+)
 from workers.preflight import Check
 from workers.protocol import NamedPolicy, PolicySpec
 from workers.sandbox.choice import Sandbox
@@ -114,6 +121,8 @@ class UploadPublic(BaseModel):
     """How far an upload is."""
 
     id: str
+    name: str  # of the policy
+    sha256: str | None  # that the client says the file has
     offset: int  # bytes that have come
     length: int
     expires: datetime
@@ -709,6 +718,80 @@ class AuditEntryPublic(BaseModel):
     action: str
     subject: str
     status: int  # as HTTP
+
+
+# --- webhooks ---
+
+
+WebhookUrl = Annotated[str, Field(min_length=1, max_length=500)]
+WebhookEvents = Annotated[list[WebhookEvent], Field(min_length=1, max_length=len(WebhookEvent))]
+WHEN_ENDED = [
+    WebhookEvent.EVALUATION_COMPLETED,
+    WebhookEvent.EVALUATION_INCOMPLETE,
+    WebhookEvent.EVALUATION_CANCELLED,
+]
+
+
+class WebhookCreate(_Given):
+    """An address that is to be told what happens."""
+
+    url: WebhookUrl  # https://…
+    events: WebhookEvents = WHEN_ENDED
+    everybodys: StrictBool = False  # else of one's own evaluations alone
+    description: Description = ""
+
+
+class WebhookChange(_Given):
+    """What is to be different about a webhook; what is left out stays."""
+
+    url: WebhookUrl = ""
+    events: WebhookEvents = WHEN_ENDED
+    everybodys: StrictBool = False
+    description: Description = ""
+    active: StrictBool = True
+
+
+class WebhookPublic(BaseModel):
+    """A webhook without its secret."""
+
+    model_config = ConfigDict(from_attributes=True)
+
+    id: str
+    url: str
+    events: list[WebhookEvent]
+    everybodys: bool
+    description: str
+    active: bool
+    reason: str | None  # why it is not active, if nobody switched it off
+    created: datetime
+
+
+class WebhookCreated(WebhookPublic):
+    """A webhook with what its deliveries are signed with; it is told this once."""
+
+    secret: str  # whsec_…, as of https://www.standardwebhooks.com
+
+
+class DeliveryTry(BaseModel):
+    """One try to deliver."""
+
+    time: datetime
+    status: int | None  # that the receiver answered, as HTTP
+    error: str | None  # why there is none
+
+
+class DeliveryPublic(BaseModel):
+    """An event on its way to a webhook."""
+
+    model_config = ConfigDict(from_attributes=True)
+
+    id: str  # its `webhook-id`
+    kind: WebhookEvent
+    state: DeliveryState
+    body: str  # as it is signed
+    tries: list[DeliveryTry]
+    due: datetime | None  # the next try
+    created: datetime
 
 
 class Health(BaseModel):

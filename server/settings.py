@@ -40,6 +40,7 @@ class Settings(BaseSettings):
     sandbox: str = BEST  # around the process of a policy: best, bubblewrap, landlock or none
     # hosts, host:port and networks where a remote policy may be besides the internet over TLS
     allow_remote: tuple[str, ...] = ()
+    allow_webhook: tuple[str, ...] = ()  # and where receivers of webhooks may be
     references: bool = True  # evaluate the built-in policies on first start?
     checkpoint_limit: Annotated[int, Field(gt=0)] = 4 * 2**30  # bytes of an uploaded one
     # s of wall time for an episode; what a Python policy may take comes on top

@@ -50,6 +50,29 @@ class EpisodeState(StrEnum):
     FINAL = "final"  # is committed, and immutable
 
 
+class DeliveryState(StrEnum):
+    """Where a webhook's delivery stands."""
+
+    PENDING = "pending"  # is to be sent, or sent again
+    DELIVERED = "delivered"  # was answered with 2xx
+    FAILED = "failed"  # its tries are used up, or its receiver is gone
+
+
+class WebhookEvent(StrEnum):
+    """What a webhook may be told of."""
+
+    EVALUATION_QUEUED = "evaluation.queued"
+    EVALUATION_RUNNING = "evaluation.running"
+    EVALUATION_COMPLETED = "evaluation.completed"
+    EVALUATION_INCOMPLETE = "evaluation.incomplete"
+    EVALUATION_CANCELLED = "evaluation.cancelled"
+    EPISODE_FINAL = "episode.final"
+    EPISODE_FAULT = "episode.fault"  # the infrastructure failed, not the policy
+    EPISODE_DIVERGED = "episode.diverged"  # a second, different result was refused
+    ATTEMPT_LOST = "attempt.lost"
+    TRIAL = "webhook.trial"  # somebody tries the webhook
+
+
 MOVES: dict[type[StrEnum], dict[str, tuple[str, ...]]] = {
     EvaluationState: {
         "queued": ("running", "completed", "incomplete", "cancelled"),

@@ -214,6 +214,12 @@ def find(session: Session, id: str, owner: str) -> Upload:
     return row
 
 
+def of_user(session: Session, owner: str) -> list[Upload]:
+    """A user's uploads that are not done, the newest first."""
+    wanted = select(Upload).where(Upload.owner_id == owner, Upload.expires > now())
+    return list(session.scalars(wanted.order_by(Upload.id.desc())))
+
+
 def reserved(session: Session, owner: str) -> int:
     """Bytes that a user's uploads will take when they are done."""
     wanted = select(func.coalesce(func.sum(Upload.length), 0))

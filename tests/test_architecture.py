@@ -37,6 +37,15 @@ def test_the_catalogue_and_the_server_start_light(statements: str) -> None:
     assert _modules_after(statements) & HEAVY == set()
 
 
+def test_the_client_needs_no_database() -> None:
+    wanted = {"httpx", "server.schemas"}
+    unwanted = HEAVY | {"alembic", "sqlalchemy", "server.models", "server.db"}
+
+    found = _modules_after("import server.client, server.client_uploads, server.client_screen")
+
+    assert found & (wanted | unwanted) == wanted
+
+
 def test_the_contract_imports_nothing_of_ours() -> None:
     graph = grimp.build_graph("hide_tasks", cache_dir=None)
 

@@ -18,7 +18,7 @@ from starlette.requests import ClientDisconnect
 
 from server import checkpoints, policies, quotas, uploads
 from server.access import Gate, Principal, Router, Scope, needs
-from server.deps import TheHub, ThePrincipal
+from server.deps import Reading, TheHub, ThePrincipal
 from server.hub import Hub
 from server.models import Upload, now
 from server.problems import Problem, invalid, of_validation
@@ -92,6 +92,13 @@ def create_upload(
     return Response(status_code=201, headers=headers)
 
 
+@router.get("")
+@needs(Scope.SUBMIT)
+def list_uploads(session: Reading, hub: TheHub, principal: ThePrincipal) -> list[UploadPublic]:
+    """One's own uploads that are not done, so that another process can go on with one."""
+    return [_public(hub, row) for row in uploads.of_user(session, principal.user)]
+
+
 @router.get("/{upload}", dependencies=[SpeaksTus])
 @needs(Scope.SUBMIT)
 def get_upload(
@@ -100,8 +107,18 @@ def get_upload(
     """How much has come; HEAD tells it in headers alone."""
     row = _row(hub, upload, principal)
     response.headers.update(_headers(hub, row))
-    offset = hub.uploads.of(row.id).size
-    return UploadPublic(id=row.id, offset=offset, length=row.length, expires=row.expires)
+    return _public(hub, row)
+
+
+def _public(hub: Hub, row: Upload) -> UploadPublic:
+    return UploadPublic(
+        id=row.id,
+        name=row.name,
+        sha256=row.sha256,
+        offset=hub.uploads.of(row.id).size,
+        length=row.length,
+        expires=row.expires,
+    )
 
 
 @router.patch("/{upload}", status_code=204, dependencies=[SpeaksTus], openapi_extra=BODY)

@@ -21,6 +21,7 @@ from server import (
     snapshots,
     uploads,
     users,
+    webhooks,
 )
 from server.access import Principal, Role, Scope
 from server.blobs import Blobs
@@ -28,6 +29,7 @@ from server.commit import commit
 from server.db import Database, examine, known_revisions, migrate, migrations
 from server.models import Attempt, Base, User
 from server.schemas import LabelCreate
+from server.states import WebhookEvent
 from tests.server import ledgers
 
 
@@ -80,6 +82,12 @@ def fill(database: Database, folder: Path) -> None:
         said = labels.add(session, episode, mine, principal_of(owner))
         labels.withdraw(session, said.id, principal_of(owner))
         audit.note(session, "test", "", principal=None)
+        hook = webhooks.create(
+            session, owner.id, url="https://x", events=list(WebhookEvent), everybodys=True,
+            description="",
+        )  # fmt: skip
+        hook.after = 0
+        webhooks.collect(session)
 
 
 def test_up_from_nothing_equals_the_models(database: Database) -> None:

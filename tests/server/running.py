@@ -25,7 +25,7 @@ class RunningServer:
     def __init__(self, data: Path, *options: str, workers: int = 2):
         self.data = data
         self._command = [sys.executable, "-m", "server.cli", "serve", "--data", str(data)]
-        self._command += ["--port", "0", "--workers", str(workers), *options]
+        self._command += ["--workers", str(workers), *options]
 
     def __enter__(self) -> Self:
         self.start()
@@ -35,12 +35,16 @@ class RunningServer:
         self.stop()
         self.client.close()
 
-    def start(self) -> None:
+    def start(self, port: str = "0") -> None:
         """Starts it and waits until it answers."""
         log = self.data.with_name(f"{self.data.name}.log")
         with open(log, "wb") as output:
             self.process = subprocess.Popen(
-                self._command, cwd=ROOT, stderr=output, stdout=output, stdin=subprocess.DEVNULL
+                [*self._command, "--port", port],
+                cwd=ROOT,
+                stderr=output,
+                stdout=output,
+                stdin=subprocess.DEVNULL,
             )
 
         def address() -> str | None:

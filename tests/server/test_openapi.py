@@ -48,6 +48,8 @@ def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
                 "batch": [batch.json()["id"]],
                 "label": [said.json()["id"]],
                 "snapshot": ["1"],
+                "webhook": ["wh_01ARZ3NDEKTSV4RRFFQ69G5FAV"],
+                "delivery": ["msg_01ARZ3NDEKTSV4RRFFQ69G5FAV"],
             },
         )
 

@@ -20,6 +20,7 @@ ID_ROUTES = [
     ("GET", "/evaluations/{}/attempts"),
     ("GET", "/evaluations/{}/failures"),
     ("GET", "/evaluations/{}/episodes"),
+    ("GET", "/evaluations/{}/export"),
     ("GET", "/evaluations/{}/events"),
     ("POST", "/evaluations/{}/cancellation"),
     ("POST", "/evaluations/{}/resumption"),
@@ -31,6 +32,12 @@ ID_ROUTES = [
     ("GET", "/tokens/{}"),
     ("POST", "/tokens/{}/revocation"),
     ("GET", "/users/{}"),
+    ("GET", "/webhooks/{}"),
+    ("DELETE", "/webhooks/{}"),
+    ("POST", "/webhooks/{}/secret"),
+    ("POST", "/webhooks/{}/trial"),
+    ("GET", "/webhooks/{}/deliveries"),
+    ("POST", "/webhooks/{}/deliveries/{}/repetition"),
     ("GET", "/episodes/{}"),
     ("GET", "/episodes/{}/decisions"),
     ("GET", "/episodes/{}/changes"),
@@ -49,6 +56,7 @@ OTHER_ROUTES = [
     ("GET", "/workers"),
     ("GET", "/labels"),
     ("POST", "/episodes/{}/labels"),
+    ("GET", "/leaderboard/export"),
     ("GET", "/policies"),
     ("POST", "/policies"),
     ("POST", "/policies/checkpoints"),
@@ -64,6 +72,9 @@ OTHER_ROUTES = [
     ("POST", "/users"),
     ("POST", "/users/{}/changes"),
     ("GET", "/audit"),
+    ("GET", "/webhooks"),
+    ("POST", "/webhooks"),
+    ("POST", "/webhooks/{}/changes"),
     ("GET", "/health/live"),
     ("GET", "/health/ready"),
     ("GET", "/version"),
@@ -79,9 +90,9 @@ def test_every_route_is_tried(reader: TestClient) -> None:
         for method in methods
         if not path.startswith(f"{API}/uploads")  # routes/test_uploads.py has these
     }
-    tried = {(method, path.format("{}")) for method, path in ID_ROUTES + OTHER_ROUTES}
+    tried = set(ID_ROUTES + OTHER_ROUTES)
 
-    parameters = ("task", "policy", "evaluation", "episode", "token", "user")
+    parameters = ("task", "policy", "evaluation", "episode", "token", "user", "webhook", "delivery")
     parameters += ("batch", "snapshot", "label")
     for name in parameters:
         described = {(method, path.replace(f"{{{name}}}", "{}")) for method, path in described}
@@ -93,7 +104,7 @@ def test_every_route_is_tried(reader: TestClient) -> None:
 def test_an_unknown_id_is_not_found(
     reader: TestClient, method: str, path: str, unknown: str
 ) -> None:
-    answer = reader.request(method, API + path.format(unknown))
+    answer = reader.request(method, API + path.replace("{}", unknown))
 
     assert answer.status_code == 404
     assert problem_of(answer)["code"] == "not_found"
@@ -103,7 +114,9 @@ def test_an_unknown_id_is_not_found(
 def test_a_wrong_method_is_told_with_a_right_one(
     reader: TestClient, method: str, path: str
 ) -> None:
-    answer = reader.request("DELETE" if method == "POST" else "PATCH", API + path.format("x"))
+    answer = reader.request(
+        "DELETE" if method == "POST" else "PATCH", API + path.replace("{}", "x")
+    )
 
     assert answer.status_code == 405
     assert set(answer.headers["allow"].split(", ")) <= {"GET", "POST"}
@@ -196,6 +209,12 @@ def test_what_is_not_a_json_object_is_refused(
          "at least 1"),
         ("/batches", {"matrix": {"policies": ["noop"], "suites": ["all"]}}, "matrix.suites.0",
          "'smoke', 'RC'"),
+        ("/webhooks", {}, "url", "required"),
+        ("/webhooks", {"url": "https://example.org", "events": []}, "events", "at least 1"),
+        ("/webhooks", {"url": "https://example.org", "events": ["all"]}, "events.0",
+         "'evaluation.queued'"),
+        ("/webhooks", {"url": "http://example.org"}, "url", "is not encrypted"),
+        ("/webhooks", {"url": "https://10.0.0.1"}, "url", "is not a public address"),
         ("/batches", {"items": [1]}, "items.0", "dictionary"),
         ("/batches", {"items": [{}] * 201}, "items", "at most 200"),
         ("/batches", {"matrix": {"policies": []}}, "matrix.policies", "at least 1"),
@@ -233,6 +252,7 @@ def test_a_wrong_field_is_named_with_what_is_allowed(
         ("/users", {"limit": "0"}, "limit"),
         ("/tokens", {"cursor": "nonsense"}, "cursor"),
         ("/queue", {"limit": "0"}, "limit"),
+        ("/leaderboard/export", {"format": "zip"}, "format"),
         ("/evaluations", {"state": "asleep"}, "state"),
         ("/evaluations", {"limit": "0"}, "limit"),
         ("/evaluations", {"limit": "201"}, "limit"),

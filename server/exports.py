@@ -1,0 +1,248 @@
+"""What is taken out of a server: an evaluation or the leaderboard, as files, piece by piece.
+
+Nothing is held as a whole, and no session stays open while somebody reads slowly.
+"""
+
+import csv
+import io
+import json
+import zipfile
+from collections.abc import Callable, Iterable, Iterator
+from enum import StrEnum
+from typing import Any
+
+from hide_tasks import ALL_TASKS
+from server import episodes, evaluations, latex
+from server.db import Database
+from server.paging import MOST
+from server.schemas import (
+    EpisodePublic,
+    EvaluationPublic,
+    Leaderboard,
+    Verdict,
+    Verdicts,
+)
+from server.states import EpisodeState
+
+FORMULAS = ("=", "+", "-", "@", "\t", "\r")  # what a spreadsheet would calculate
+NOTE = "Measured in PyBullet; not comparable with the paper's table, measured in another simulator."
+EPISODE_COLUMNS = [
+    "evaluation",
+    "policy",
+    "task",
+    "category",
+    "split",
+    "index",
+    "variation",
+    "state",
+    "instruction",
+    "success",
+    "exact",
+    "failure",
+    "detail",
+    "decisions",
+    "stage",
+    "scene_hash",
+    "final_state_hash",
+    "sandbox",
+    "committed",
+    "id",
+]
+
+
+class EvaluationFormat(StrEnum):
+    """How an evaluation is given out."""
+
+    JSON = "json"  # the evaluation, its rates per task, its episodes
+    CSV = "csv"  # a line per episode
+    JSONL = "jsonl"  # a document per final episode, with all decisions
+    LATEX = "latex"  # the row of the paper's table
+    ZIP = "zip"  # all of these
+
+
+class LeaderboardFormat(StrEnum):
+    """How the leaderboard is given out."""
+
+    JSON = "json"
+    CSV = "csv"
+    LATEX = "latex"
+
+
+MEDIA_TYPES = {
+    "json": "application/json",
+    "csv": "text/csv; charset=utf-8",
+    "jsonl": "application/jsonl",
+    "latex": "application/x-latex",
+    "zip": "application/zip",
+}
+SUFFIXES = {"latex": "tex"}  # where it is not the format's name
+
+
+class Exported:
+    """One evaluation on its way out.
+
+    Args:
+        verdict: by which the LaTeX row is made.
+    """
+
+    def __init__(self, database: Database, evaluation: EvaluationPublic, verdict: Verdict):
+        self.database, self.evaluation, self.verdict = database, evaluation, verdict
+
+    def pieces(self, format: EvaluationFormat) -> Iterator[bytes]:
+        """The file, as it is made."""
+        if format is EvaluationFormat.ZIP:
+            return zipped({name: make() for name, make in self._files().items()})
+        return self._makers()[format]()
+
+    def _makers(self) -> dict[EvaluationFormat, Callable[[], Iterator[bytes]]]:
+        return {
+            EvaluationFormat.JSON: self._json,
+            EvaluationFormat.CSV: self._csv,
+            EvaluationFormat.JSONL: self._jsonl,
+            EvaluationFormat.LATEX: self._latex,
+        }
+
+    def _files(self) -> dict[str, Callable[[], Iterator[bytes]]]:
+        folder = self.evaluation.id
+        names = ("evaluation.json", "episodes.csv", "episodes.jsonl", "row.tex")
+        makers = zip(names, self._makers().values(), strict=True)
+        return {f"{folder}/{name}": make for name, make in makers}
+
+    def _pages(self, state: EpisodeState | None = None) -> Iterator[list[EpisodePublic]]:
+        cursor = None
+        while True:
+            with self.database.reading() as session:
+                page = episodes.listed(
+                    session, evaluation=self.evaluation.id, state=state, limit=MOST, cursor=cursor
+                )
+            yield page.items
+            if (cursor := page.next) is None:
+                return
+
+    def _tasks(self) -> dict[str, Verdicts]:
+        with self.database.reading() as session:
+            counted = evaluations.counts_by_task(session, self.evaluation.id)
+        order = [name for name in ALL_TASKS if name in counted]
+        return {name: evaluations.verdicts(counted[name]) for name in order}
+
+    def _json(self) -> Iterator[bytes]:
+        tasks = {name: one.model_dump(mode="json") for name, one in self._tasks().items()}
+        head = f'{{"evaluation":{self.evaluation.model_dump_json()},"tasks":{json.dumps(tasks)},'
+        yield f'{head}"episodes":['.encode()
+        before = ""
+        for page in self._pages():
+            for one in page:
+                yield f"{before}\n{one.model_dump_json()}".encode()
+                before = ","
+        yield b"\n]}\n"
+
+    def _csv(self) -> Iterator[bytes]:
+        yield line_of(EPISODE_COLUMNS)
+        for page in self._pages():
+            for one in page:
+                document = one.model_dump(mode="json")
+                yield line_of(document[name] for name in EPISODE_COLUMNS)
+
+    def _jsonl(self) -> Iterator[bytes]:
+        for page in self._pages(EpisodeState.FINAL):
+            for one in page:
+                with self.database.reading() as session:
+                    found = episodes.get(session, one.id).model_dump(mode="json")
+                    made = episodes.decisions(session, one.id)
+                found["decisions"] = [decision.model_dump(mode="json") for decision in made]
+                yield json.dumps(found, ensure_ascii=False).encode() + b"\n"
+
+    def _latex(self) -> Iterator[bytes]:
+        one = self.evaluation
+        rate = getattr(one.verdicts, self.verdict)
+        remarks = (
+            f"{one.policy}@{one.version} on {one.suite}, {one.split}: {one.id}, {one.state}.",
+            f"{self.verdict} in percent over {rate.episodes} episodes. {NOTE}",
+        )
+        name = f"{one.policy}@{one.version}"
+        yield latex.of_evaluation(name, self._tasks(), self.verdict, remarks).encode()
+
+
+# --- the leaderboard ---
+
+
+def of_leaderboard(board: Leaderboard, format: LeaderboardFormat) -> Iterator[bytes]:
+    """The leaderboard as a file."""
+    if format is LeaderboardFormat.JSON:
+        yield board.model_dump_json(indent=1).encode() + b"\n"
+    elif format is LeaderboardFormat.CSV:
+        yield from _board_csv(board)
+    else:
+        remarks = (f"{board.suite}, {board.split}, {board.verdict} in percent. {NOTE}",)
+        yield latex.of_leaderboard(board.rows, board.verdict, remarks).encode()
+
+
+def _board_csv(board: Leaderboard) -> Iterator[bytes]:
+    names = [column.task for column in board.columns]
+    head = ["rank", "policy", "version", "reference", "evaluation", "ended"]
+    for verdict in ("success", "exact"):
+        head += [f"{verdict}{part}" for part in ("", "_low", "_high", "_episodes")]
+        head += [f"{verdict}_{name}" for name in names]
+    yield line_of(head)
+    for row in board.rows:
+        cells: list[Any] = [row.rank, row.policy, row.version, row.reference, row.evaluation]
+        cells.append(row.ended.isoformat())
+        for verdict in ("success", "exact"):
+            rate = getattr(row.overall, verdict)
+            cells += [rate.value, rate.low, rate.high, rate.episodes]
+            cells += [getattr(row.tasks[name], verdict).value for name in names]
+        yield line_of(cells)
+
+
+# --- files ---
+
+
+def line_of(cells: Iterable[Any]) -> bytes:
+    """A line of CSV; what a spreadsheet would take for a formula begins with an apostrophe."""
+    text = io.StringIO()
+    csv.writer(text).writerow([_cell(one) for one in cells])
+    return text.getvalue().encode()
+
+
+def _cell(value: Any) -> Any:
+    if isinstance(value, dict | list):
+        value = json.dumps(value, ensure_ascii=False)
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, str) and value.startswith(FORMULAS):
+        return f"'{value}"
+    return value
+
+
+class _Outlet(io.RawIOBase):
+    """What a zip is written to: it only grows, and is emptied all the time."""
+
+    def __init__(self) -> None:
+        self._pieces: list[bytes] = []
+
+    def writable(self) -> bool:
+        """It is."""
+        return True
+
+    def write(self, piece: Any) -> int:
+        """Keeps what is written until it is taken."""
+        self._pieces.append(bytes(piece))
+        return len(piece)
+
+    def taken(self) -> bytes:
+        """What was written since the last time."""
+        pieces, self._pieces = self._pieces, []
+        return b"".join(pieces)
+
+
+def zipped(files: dict[str, Iterator[bytes]]) -> Iterator[bytes]:
+    """A zip of files that are made while it is read."""
+    outlet = _Outlet()
+    with zipfile.ZipFile(outlet, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, pieces in files.items():
+            with archive.open(name, "w") as entry:
+                for piece in pieces:
+                    entry.write(piece)
+                    if ready := outlet.taken():
+                        yield ready
+    yield outlet.taken()

@@ -1,0 +1,210 @@
+"""Evaluations and the leaderboard as files, read back with what their readers would use."""
+
+import csv
+import io
+import json
+import zipfile
+from collections.abc import Iterator
+
+import pytest
+
+from hide_tasks import ALL_TASKS, load
+from hide_tasks.contract import EpisodeSpec, Failure
+from server import exports, latex, leaderboard
+from server.exports import LeaderboardFormat, line_of
+from server.models import now
+from server.schemas import Leaderboard, LeaderboardRow, RatePublic, Verdicts
+from tests.server import ledgers
+from tests.server.clients import API, TestClient, client, hub_of
+
+TASKS = ["push_button_times", "search_drawer"]
+EPISODES = 6  # of each
+
+
+def outcome(spec: EpisodeSpec) -> Failure | None:
+    """Exact, successful, or neither, by turns."""
+    return (None, Failure.OVERCOUNT, Failure.UNDERCOUNT)[spec.index % 3]
+
+
+@pytest.fixture(scope="module")
+def here(tmp_path_factory: pytest.TempPathFactory) -> Iterator[TestClient]:
+    with client(tmp_path_factory.mktemp("exports")) as found:
+        yield found
+
+
+@pytest.fixture(scope="module")
+def evaluation(here: TestClient) -> str:
+    hub = hub_of(here)
+    wanted = {"tasks": TASKS, "episodes": EPISODES}
+    return ledgers.evaluated(hub.database, hub.blobs, "noop", outcome, **wanted)
+
+
+def exported(here: TestClient, path: str, **query: str) -> bytes:
+    answer = here.get(f"{API}{path}/export", params=query)
+    assert answer.status_code == 200, answer.text
+    kind, name = answer.headers["content-type"], answer.headers["content-disposition"]
+    assert kind and name.startswith("attachment; filename=")
+    return answer.content
+
+
+def test_json_holds_the_evaluation_its_rates_and_its_episodes(
+    here: TestClient, evaluation: str
+) -> None:
+    found = json.loads(exported(here, f"/evaluations/{evaluation}"))
+
+    assert found["evaluation"] == here.get(f"{API}/evaluations/{evaluation}").json()
+    rates = {name: one["success"]["successes"] for name, one in found["tasks"].items()}
+    assert rates == dict.fromkeys(TASKS, 4)
+    listed = here.get(f"{API}/evaluations/{evaluation}/episodes").json()["items"]
+    assert found["episodes"] == listed and len(listed) == 12
+
+
+def test_csv_holds_a_line_per_episode(here: TestClient, evaluation: str) -> None:
+    text = exported(here, f"/evaluations/{evaluation}", format="csv").decode()
+
+    rows = list(csv.DictReader(io.StringIO(text)))
+    assert len(rows) == 12
+    assert [row["success"] for row in rows[:3]] == ["true", "true", "false"]
+    assert [row["exact"] for row in rows[:3]] == ["true", "false", "false"]
+    assert [row["failure"] for row in rows[:3]] == ["", "overcount", "undercount"]
+    assert json.loads(rows[0]["variation"]) and rows[0]["decisions"] == "3"
+
+
+def test_json_lines_hold_every_decision(here: TestClient, evaluation: str) -> None:
+    lines = exported(here, f"/evaluations/{evaluation}", format="jsonl").decode().splitlines()
+
+    found = [json.loads(line) for line in lines]
+    assert len(found) == 12
+    assert [len(one["decisions"]) for one in found] == [3] * 12
+    path = f"{API}/episodes/{found[0]['id']}/decisions"
+    assert found[0]["decisions"] == here.get(path).json()
+    assert found[0]["start"]["hidden"]["presses_done"] == 0
+
+
+def test_a_zip_holds_all_of_them(here: TestClient, evaluation: str) -> None:
+    content = exported(here, f"/evaluations/{evaluation}", format="zip")
+
+    with zipfile.ZipFile(io.BytesIO(content)) as archive:
+        assert archive.testzip() is None
+        found = {name.removeprefix(f"{evaluation}/"): archive.read(name)
+                 for name in archive.namelist()}  # fmt: skip
+    assert set(found) == {"evaluation.json", "episodes.csv", "episodes.jsonl", "row.tex"}
+    assert found["episodes.csv"] == exported(here, f"/evaluations/{evaluation}", format="csv")
+    assert len(found["episodes.jsonl"].splitlines()) == 12
+
+
+def cells_of(text: str) -> list[list[str]]:
+    rows = [line for line in text.splitlines() if not line.startswith("%")]
+    assert all(line.endswith(r" \\") for line in rows)
+    return [[cell.strip() for cell in line.removesuffix(r"\\").split("&")] for line in rows]
+
+
+def test_the_latex_row_has_the_papers_columns(here: TestClient, evaluation: str) -> None:
+    text = exported(here, f"/evaluations/{evaluation}", format="latex").decode()
+    exact = exported(here, f"/evaluations/{evaluation}", format="latex", verdict="exact").decode()
+
+    [row], [strict] = cells_of(text), cells_of(exact)
+    assert len(row) == 1 + 1 + 3 * 6
+    assert row[0] == "noop@1" and (row[2], strict[2]) == ("67", "33")  # push_button_times
+    assert row[14] == "67"  # search_drawer
+    assert row.count("--") == 17  # tasks that were not played, and every average
+    assert evaluation in text and "not comparable with the paper" in text
+
+
+def test_the_papers_columns_are_the_suites_tasks() -> None:
+    named = [task for tasks in latex.COLUMNS.values() for task in tasks]
+
+    assert sorted(named) == sorted(ALL_TASKS)
+    for category, tasks in latex.COLUMNS.items():
+        assert {str(load(task).category) for task in tasks} == {category}
+
+
+@pytest.mark.usefixtures("evaluation")  # which wants that nothing else waits
+def test_an_evaluation_that_has_not_begun_has_no_numbers(here: TestClient) -> None:
+    asked = {"policy": "noop", "tasks": TASKS, "episodes": 1}
+    waiting = here.post(f"{API}/evaluations", json=asked).json()["id"]
+
+    [row] = cells_of(exported(here, f"/evaluations/{waiting}", format="latex").decode())
+    lines = exported(here, f"/evaluations/{waiting}", format="csv").decode().splitlines()
+
+    assert set(row[1:]) == {"--"} and len(lines) == 3
+    assert exported(here, f"/evaluations/{waiting}", format="jsonl") == b""
+    here.post(f"{API}/evaluations/{waiting}/cancellation")
+
+
+def row_of(name: str, rank: int | None, successes: int) -> LeaderboardRow:
+    """A policy that has so many successes in the 25 episodes of every task."""
+    rate, whole = RatePublic.of(successes, 25), RatePublic.of(15 * successes, 375)
+    return LeaderboardRow(
+        rank=rank,
+        evaluation=f"ev_{name}",
+        policy=name,
+        version=1,
+        reference=rank is None,
+        ended=now(),
+        tasks={task: Verdicts(success=rate, exact=rate) for task in ALL_TASKS},
+        categories={},
+        overall=Verdicts(success=whole, exact=whole),
+    )
+
+
+@pytest.fixture(scope="module")
+def board() -> Leaderboard:
+    rows = [row_of("better", 1, 24), row_of("good_one", 2, 20), row_of("bad", 3, 0)]
+    return Leaderboard(
+        suite="hide 1",
+        split="test",
+        verdict="success",
+        columns=leaderboard.columns(),
+        ceilings={},
+        rows=[*rows, row_of("expert", None, 25)],
+        unlisted=0,
+    )
+
+
+def whole(board: Leaderboard, format: LeaderboardFormat) -> str:
+    return b"".join(exports.of_leaderboard(board, format)).decode()
+
+
+def test_latex_marks_the_best_of_the_leaderboard(board: Leaderboard) -> None:
+    rows = {row[0]: row[1:] for row in cells_of(whole(board, LeaderboardFormat.LATEX))}
+
+    assert list(rows) == ["better@1", r"good\_one@1", "bad@1", "expert@1"]
+    assert rows["better@1"][:2] == [r"\textbf{96.0}", r"\textbf{96}"]
+    assert rows[r"good\_one@1"][:2] == [r"\underline{80.0}", r"\underline{80}"]
+    assert rows["bad@1"][:2] == ["0.0", "0"]
+    assert rows["expert@1"][:2] == ["100.0", "100"]  # it knows the hidden state
+    assert {len(row) for row in rows.values()} == {19}
+
+
+def test_csv_holds_a_line_per_policy(board: Leaderboard) -> None:
+    found = list(csv.DictReader(io.StringIO(whole(board, LeaderboardFormat.CSV))))
+
+    assert [(row["rank"], row["policy"], row["success"]) for row in found] == [
+        ("1", "better", "0.96"),
+        ("2", "good_one", "0.8"),
+        ("3", "bad", "0.0"),
+        ("", "expert", "1.0"),
+    ]
+    assert found[0]["success_search_drawer"] == "0.96" and found[0]["exact_episodes"] == "375"
+
+
+@pytest.mark.parametrize("format", list(LeaderboardFormat))
+def test_the_leaderboard_is_given_out(here: TestClient, format: LeaderboardFormat) -> None:
+    text = exported(here, "/leaderboard", format=format.value).decode()
+
+    if format is LeaderboardFormat.JSON:
+        assert json.loads(text) == here.get(f"{API}/leaderboard").json()
+    else:
+        assert len(text.splitlines()) == 1  # nobody is on it
+
+
+@pytest.mark.parametrize("text", ["=1+1", "+1", "-1", "@sum", "\t=1", "\r=1"])
+def test_a_cell_is_no_formula(text: str) -> None:
+    [[cell, number]] = csv.reader(io.StringIO(line_of([text, -1]).decode(), newline=""))
+
+    assert cell == f"'{text}" and number == "-1"
+
+
+def test_what_latex_would_read_is_escaped() -> None:
+    assert latex.escaped("50 %_{a}&\\input\nx") == r"50 \%\_\{a\}\&\textbackslash{}input x"
