@@ -15,7 +15,7 @@ from typing import Annotated, Any
 import typer
 from typer import Argument, Option
 
-from server import people_commands
+from server import data_commands, people_commands
 from server.arguments import BadUsage, chosen_tasks, episode_count, new_folder, settings_of
 
 BAD_USAGE = 2
@@ -67,6 +67,7 @@ AsJson = Annotated[bool, Option("--json", help="Print JSON instead of a table.")
 
 app.add_typer(people_commands.user, name="user")
 app.add_typer(people_commands.token, name="token")
+data_commands.add_to(app)
 
 
 @app.callback(invoke_without_command=True)
