@@ -14,6 +14,7 @@ from server.data_folder import DataFolder
 from server.db import Database
 from server.growing import GrowingRecordings
 from server.reconciler import Reconciler
+from server.retention import Retention, Rule
 from server.settings import EVERY_ADDRESS, Settings
 from server.uploads import Uploads
 from workers.engines.engine import Engine
@@ -73,6 +74,8 @@ class Hub:
             if self.settings.asks_token
             else None
         )
+        rule = Rule(self.settings.keep_days, self.settings.keep_bytes)
+        self.retention = Retention(self.database, self.blobs, rule)
         self.loading = asyncio.Lock()  # of a checkpoint: one takes much memory
 
     @property
@@ -114,6 +117,7 @@ class Hub:
                 logger.warning("Nobody may sign in yet: hide user add NAME --role admin")
             if self.settings.references:
                 first_run.evaluate_references(session)
+        self.retention.start()
         if self.settings.workers:
             self._start_workers(self.settings.workers)
 
@@ -154,6 +158,7 @@ class Hub:
     def stop(self) -> None:
         """Stops workers and lets go of the data folder; nothing that is final is lost."""
         self.bell.close()
+        self.retention.stop()
         if self.reconciler:
             self.reconciler.stop()
         if self.engine:

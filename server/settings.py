@@ -42,6 +42,9 @@ class Settings(BaseSettings):
     allow_remote: tuple[str, ...] = ()
     references: bool = True  # evaluate the built-in policies on first start?
     checkpoint_limit: Annotated[int, Field(gt=0)] = 4 * 2**30  # bytes of an uploaded one
+    # Recordings that are removed to make room, never results; null: none
+    keep_days: Annotated[float, Field(gt=0)] | None = None  # older ones go
+    keep_bytes: Count | None = None  # of all of them; the oldest go first
     # s of wall time for an episode; what a Python policy may take comes on top
     episode_limit: Annotated[float, Field(gt=0)] = 600.0
     # local: everything is done as one owner; users: everybody signs in

@@ -63,7 +63,7 @@ def check_files(
 ) -> None:
     """An episode's recording and thumbnail."""
     for sha256, media_type in ((episode.recording, blobs.RRD), (episode.thumbnail, blobs.JPEG)):
-        if sha256 is None:
+        if sha256 is None or (episode.removal and sha256 == episode.recording):
             continue
         blob = named.get(sha256)
         if blob is None:

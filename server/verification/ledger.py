@@ -167,6 +167,8 @@ def _check_files(
 ) -> None:
     for rows in found:
         one = rows.episode
+        if one.removal:
+            findings.removed += 1
         hashes = [sha256 for sha256 in (one.recording, one.thumbnail) if sha256]
         named = session.scalars(select(Blob).where(Blob.sha256.in_(hashes))).all()
         version = one.evaluation.policy_version

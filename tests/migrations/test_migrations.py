@@ -16,7 +16,7 @@ from server.access import Scope
 from server.blobs import Blobs
 from server.commit import commit
 from server.db import Database, examine, known_revisions, migrate, migrations
-from server.models import Attempt, Base
+from server.models import Attempt, Base, Removal
 from tests.server import ledgers
 
 
@@ -59,6 +59,7 @@ def fill(database: Database, folder: Path) -> None:
         wanted = {"length": 7, "name": "mine", "description": "", "sha256": None}
         uploads.create(session, owner.id, **wanted)
         audit.note(session, "test", "", principal=None)
+        session.add(Removal(sha256=episode.thumbnail, reason="test"))
 
 
 def test_up_from_nothing_equals_the_models(database: Database) -> None:
