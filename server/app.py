@@ -13,12 +13,14 @@ from server.access import require_declared
 from server.admission import Admission
 from server.guard import Guard
 from server.hub import Hub
+from server.metrics import RequestTimes
 from server.routes import (
     catalogue,
     episodes,
     evaluations,
     health,
     internal,
+    metrics,
     people,
     policies,
     uploads,
@@ -71,7 +73,9 @@ def create_app(settings: Settings) -> FastAPI:
     app.state.admit = Admission(hub)
     app.include_router(_api(), prefix=API, responses=ANY_PROBLEM)
     app.include_router(internal.router, prefix=INTERNAL, include_in_schema=False)
+    app.include_router(metrics.router, include_in_schema=False)
     app.add_middleware(Guard, hosts=settings.hosts)
+    app.add_middleware(RequestTimes, times=hub.metrics.requests)
     problems.install(app)
     app.openapi = lambda: _described(app)  # type: ignore[method-assign]
     return app

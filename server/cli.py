@@ -4,7 +4,6 @@ A user's mistake is one line on standard error and exit status 2; what failed on
 """
 
 import json
-import logging
 import sys
 from collections.abc import Sequence
 from enum import StrEnum
@@ -277,6 +276,7 @@ def serve(
     sandbox: SandboxOption = None,
 ) -> None:
     """Run the evaluation server: pages, API and workers. HIDE_SERVER_… variables are read too."""
+    from server import logs
     from server.serve import serve as run_server
 
     given: dict[str, Any] = {
@@ -292,9 +292,8 @@ def serve(
         "references": references,
         "sandbox": sandbox,
     }
-    logging.basicConfig(format="%(asctime)s %(levelname)s %(message)s")
     settings = settings_of(given)
-    run_server(settings, lambda url: typer.echo(f"HIDE-SEEK: {url} (Ctrl-C stops)", err=True))
+    run_server(settings, logs.configure(settings.log_format, settings.log_level))
 
 
 @app.command("serve-policy")

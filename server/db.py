@@ -49,7 +49,7 @@ class Database:
             migrate(self.engine)
         except DBAPIError as error:
             self.engine.dispose()
-            raise LedgerError(f"{path} cannot be written: {error.orig}.") from None
+            raise LedgerError(_unusable(path, str(error.orig))) from None
         except BaseException:
             self.engine.dispose()
             raise
@@ -70,6 +70,12 @@ class Database:
     def close(self) -> None:
         """Let go of the file."""
         self.engine.dispose()
+
+
+def _unusable(path: Path, fault: str) -> str:
+    if "locked" in fault or "readonly" in fault or "disk" in fault:
+        return f"{path} cannot be written: {fault}."
+    return f"{path} cannot be brought up to date, and was left as it was: {fault}."
 
 
 def _engine(path: Path) -> Engine:

@@ -13,6 +13,7 @@ from server.blobs import Blobs
 from server.data_folder import DataFolder
 from server.db import Database
 from server.growing import GrowingRecordings
+from server.metrics import Metrics
 from server.reconciler import Reconciler
 from server.retention import Retention, Rule
 from server.settings import EVERY_ADDRESS, Settings
@@ -74,6 +75,7 @@ class Hub:
             if self.settings.asks_token
             else None
         )
+        self.metrics = Metrics(self)
         rule = Rule(self.settings.keep_days, self.settings.keep_bytes)
         self.retention = Retention(self.database, self.blobs, rule)
         self.loading = asyncio.Lock()  # of a checkpoint: one takes much memory

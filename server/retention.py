@@ -67,7 +67,7 @@ def doomed(session: Session, rule: Rule, at: datetime | None = None) -> list[Doo
     return found
 
 
-def _kept() -> Select[tuple[str, int, datetime]]:
+def _kept() -> Select[str, int, datetime]:
     """Recordings that are here, the oldest first."""
     return (
         select(Blob.sha256, Blob.size, Blob.created)

@@ -40,6 +40,9 @@ class Settings(BaseSettings):
     sandbox: str = BEST  # around the process of a policy: best, bubblewrap, landlock or none
     # hosts, host:port and networks where a remote policy may be besides the internet over TLS
     allow_remote: tuple[str, ...] = ()
+    log_format: Literal["text", "json"] = "text"  # of what the server says on standard error
+    # from which on; default: INFO as json, else WARNING
+    log_level: Literal["DEBUG", "INFO", "WARNING", "ERROR"] | None = None
     references: bool = True  # evaluate the built-in policies on first start?
     checkpoint_limit: Annotated[int, Field(gt=0)] = 4 * 2**30  # bytes of an uploaded one
     # Recordings that are removed to make room, never results; null: none
