@@ -45,7 +45,7 @@ def configure(form: Format, level: Level | None) -> Callable[[str], None]:
     """
     handler = logging.StreamHandler(sys.stderr)
     handler.setFormatter(json_formatter() if form == "json" else TextFormatter())
-    logging.basicConfig(handlers=[handler], level=logging.WARNING, force=True)
+    logging.basicConfig(handlers=[handler], level=logging.WARNING)
     for name in OURS:
         logging.getLogger(name).setLevel(level or ("INFO" if form == "json" else "WARNING"))
     return _announce_json if form == "json" else _announce

@@ -103,7 +103,7 @@ class RequestTimes:
         logger.info("A request was answered", extra=facts)
 
 
-@dataclass
+@dataclass(eq=False)  # a registry keeps its collectors by identity
 class LedgerCollector(Collector):
     """How the ledger, the workers and the disk stand at the moment of a scrape."""
 

@@ -47,7 +47,7 @@ def check_recording(path: Path, subject: str, stored: dict[str, Any], findings: 
         line = " ".join(str(error).split())
         findings.note(subject, name, "recording", "a recording", f"unreadable: {line}")
         return
-    wanted = {field: stored[field] for field in SAID}
+    wanted = {field: stored[field] for field in SAID if field in stored}
     found = {field: said.get(field) for field in wanted}
     found = {f"{field} in the recording": value for field, value in found.items()}
     wanted = {f"{field} in the recording": value for field, value in wanted.items()}

@@ -81,7 +81,7 @@ class Verifier:
             row = session.get_one(Evaluation, id)
             verdicts, replays = self._check_rows(session, row)
             stored = _stored_counts(session, row)
-        self.say(f"{id}: {len(verdicts)} episodes agree with their rows or are told")
+        self.say(f"{id}: {len(verdicts)} episodes read, {len(replays)} are played again")
         played = simulation.play_again(replays, self.findings, workers=self.workers)
         for key, outcome in played.items():  # what was played again is believed most
             task, _ = verdicts[key]

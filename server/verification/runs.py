@@ -141,7 +141,9 @@ def _check_file(path: Path, results: Results, one: EpisodeResult, findings: Find
     wanted = results.recording_hashes.get(one.recording)
     found = hash_of_file(file)
     if wanted in (None, found):
-        said = one.model_dump(mode="json") | {"policy": results.policy}
+        said = one.model_dump(mode="json")
+        if results.checkpoint is None:  # a checkpoint may have moved while the run broke off
+            said["policy"] = results.policy
         check_recording(file, name, said, findings)
     else:
         findings.note(name, one.recording, "sha256", wanted, found)

@@ -18,10 +18,12 @@ def said(monkeypatch: pytest.MonkeyPatch) -> Iterator[io.StringIO]:
     """Standard error; afterwards everything speaks as before."""
     root = logging.getLogger()
     before = root.handlers[:], root.level
+    root.handlers[:] = []  # pytest's own
     stream = io.StringIO()
     monkeypatch.setattr("sys.stderr", stream)
     yield stream
-    root.handlers[:], root.level = before
+    root.handlers[:] = before[0]
+    root.setLevel(before[1])
     for name in logs.OURS:
         logging.getLogger(name).setLevel(logging.NOTSET)
 

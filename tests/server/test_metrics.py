@@ -97,7 +97,7 @@ def test_a_scraper_shows_a_token(tmp_path: Path) -> None:
     with peopled(tmp_path) as app:
         answer = visitor(app).get("/metrics")
         assert answer.status_code == 401
-        assert problem_of(answer)["code"] == "unauthorised"
+        assert problem_of(answer)["code"] == "not_signed_in"
         assert visitor(app, token_of(app, "viewer")).get("/metrics").status_code == 200
 
 

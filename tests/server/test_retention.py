@@ -16,6 +16,7 @@ from server.models import Blob, Episode, now
 from server.retention import Retention, Rule
 from tests.server import ledgers, tampering
 from tests.server.clients import API, TestClient, Worker, create, hub_of, problem_of
+from tests.server.people import LOOPBACK, application
 from tests.server.test_backup import Server
 from tests.server.verification.test_ledger import verified
 
@@ -184,3 +185,16 @@ def _recorded(client: TestClient) -> str:
     answer = worker.finish(episode, told.model_copy(update={"recording": stored["sha256"]}))
     assert answer.status_code == 200, answer.text
     return episode
+
+
+def test_the_page_says_that_it_was_removed(tmp_path: Path) -> None:
+    with TestClient(application(tmp_path), base_url=LOOPBACK) as people:
+        hub, episode = hub_of(people), _recorded(people)
+        before = people.get(f"/episodes/{episode}").text
+
+        retention.prune(hub.database, hub.blobs, Rule(most=0))
+
+        after = people.get(f"/episodes/{episode}").text
+    assert 'id="viewer"' in before and "was removed" not in before
+    assert 'id="viewer"' not in after
+    assert f"The recording was removed on {now():%Y-%m-%d} to make room" in after
