@@ -66,7 +66,6 @@ AsJson = Annotated[bool, Option("--json", help="Print JSON instead of a table.")
 
 app.add_typer(people_commands.user, name="user")
 app.add_typer(people_commands.token, name="token")
-data_commands.add_to(app)
 
 
 @app.callback(invoke_without_command=True)
@@ -340,6 +339,9 @@ def doctor() -> None:
         typer.echo(f"{mark} {finding.what}: {finding.found}{remedy}")
     if not all(finding.good for finding in found):
         raise typer.Exit(1)
+
+
+data_commands.add_to(app)
 
 
 def show(content: object) -> None:

@@ -80,19 +80,20 @@ class RequestTimes:
         if scope["type"] != "http":
             await self.app(scope, receive, send)
             return
-        began, status = perf_counter(), 500  # if it ends without an answer
+        began, answered = perf_counter(), False
 
         async def noted(message: Message) -> None:
-            nonlocal status
+            nonlocal answered
             if message["type"] == "http.response.start":
-                status = message["status"]
-                self._note(scope, status, perf_counter() - began)
+                answered = True
+                self._note(scope, message["status"], perf_counter() - began)
             await send(message)
 
         try:
             await self.app(scope, receive, noted)
         except Exception:
-            self._note(scope, status, perf_counter() - began)
+            if not answered:  # the outermost layer will, with a 500
+                self._note(scope, 500, perf_counter() - began)
             raise
 
     def _note(self, scope: Scope, status: int, seconds: float) -> None:

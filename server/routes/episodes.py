@@ -119,7 +119,7 @@ def list_spans(episode: str, session: Reading) -> list[SpanPublic]:
 def get_thumbnail(episode: str, session: Reading, hub: TheHub) -> FileResponse:
     """What the front camera saw last."""
     sha256 = episodes.row(session, episode).thumbnail
-    if sha256 is None:
+    if sha256 is None or not hub.blobs.holds(sha256):
         raise not_found("thumbnail of episode", episode)
     return FileResponse(hub.blobs.path(sha256), media_type=blobs.JPEG, headers=FOR_EVER)
 
