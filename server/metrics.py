@@ -172,7 +172,7 @@ def _ledger(session: Session) -> Iterator[Metric]:
 
 
 def _by_state(session: Session, counted: Any, known: Any) -> list[Value]:
-    found = dict(session.execute(counted).tuples().all())
+    found: dict[str, int] = dict(session.execute(counted).all())
     return [({"state": str(state)}, found.get(state, 0)) for state in known]
 
 
