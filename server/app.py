@@ -13,6 +13,7 @@ from server.access import require_declared
 from server.admission import Admission
 from server.guard import Guard
 from server.hub import Hub
+from server.metrics import RequestTimes
 from server.routes import (
     batches,
     catalogue,
@@ -22,6 +23,7 @@ from server.routes import (
     health,
     internal,
     labels,
+    metrics,
     people,
     policies,
     snapshots,
@@ -78,7 +80,9 @@ def create_app(settings: Settings) -> FastAPI:
     app.state.admit = Admission(hub)
     app.include_router(_api(), prefix=API, responses=ANY_PROBLEM)
     app.include_router(internal.router, prefix=INTERNAL, include_in_schema=False)
+    app.include_router(metrics.router, include_in_schema=False)
     app.add_middleware(Guard, hosts=settings.hosts)
+    app.add_middleware(RequestTimes, times=hub.metrics.requests)
     problems.install(app)
     revalidation.install(app)
     app.openapi = lambda: _described(app)  # type: ignore[method-assign]

@@ -1,6 +1,6 @@
 """Files kept under their SHA-256: recordings, thumbnails, checkpoints. Written whole or not at all.
 
-None is ever removed: what the ledger refers to stays.
+What the ledger refers to stays, but for recordings that make room (server/retention.py).
 """
 
 import hashlib
@@ -10,7 +10,7 @@ from pathlib import Path
 
 from sqlalchemy.orm import Session
 
-from server.models import Blob
+from server.models import Blob, Removal
 
 RRD = "application/vnd.rerun.rrd"
 JPEG = "image/jpeg"
@@ -73,8 +73,10 @@ def sync_folder(folder: Path) -> None:
 
 
 def note(session: Session, sha256: str, size: int, media_type: str) -> str:
-    """Enters a blob into the ledger, once."""
+    """Enters a blob into the ledger, once; one that was removed before is there again."""
     if session.get(Blob, sha256) is None:
         session.add(Blob(sha256=sha256, size=size, media_type=media_type))
-        session.flush()
+    if removal := session.get(Removal, sha256):
+        session.delete(removal)
+    session.flush()
     return sha256

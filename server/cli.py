@@ -4,7 +4,6 @@ A user's mistake is one line on standard error and exit status 2; what failed on
 """
 
 import json
-import logging
 import sys
 from collections.abc import Sequence
 from enum import StrEnum
@@ -15,7 +14,7 @@ from typing import Annotated, Any
 import typer
 from typer import Argument, Option
 
-from server import client_commands, people_commands
+from server import client_commands, data_commands, people_commands
 from server.arguments import BadUsage, chosen_tasks, episode_count, new_folder, settings_of
 
 BAD_USAGE = 2
@@ -278,6 +277,7 @@ def serve(
     sandbox: SandboxOption = None,
 ) -> None:
     """Run the evaluation server: pages, API and workers. HIDE_SERVER_… variables are read too."""
+    from server import logs
     from server.serve import serve as run_server
 
     given: dict[str, Any] = {
@@ -293,9 +293,8 @@ def serve(
         "references": references,
         "sandbox": sandbox,
     }
-    logging.basicConfig(format="%(asctime)s %(levelname)s %(message)s")
     settings = settings_of(given)
-    run_server(settings, lambda url: typer.echo(f"HIDE-SEEK: {url} (Ctrl-C stops)", err=True))
+    run_server(settings, logs.configure(settings.log_format, settings.log_level))
 
 
 @app.command("serve-policy")
@@ -342,6 +341,9 @@ def doctor() -> None:
         typer.echo(f"{mark} {finding.what}: {finding.found}{remedy}")
     if not all(finding.good for finding in found):
         raise typer.Exit(1)
+
+
+data_commands.add_to(app)
 
 
 def show(content: object) -> None:

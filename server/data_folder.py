@@ -7,6 +7,7 @@ from pathlib import Path
 from server.db import LedgerError, examine
 
 LEDGER = "ledger.sqlite3"
+LOCK = ".lock"
 FOLDERS = ("blobs", "growing", "logs", "uploads")
 
 
@@ -59,7 +60,7 @@ class DataFolder:
 
     def _make(self) -> None:
         self.path.mkdir(parents=True, exist_ok=True)
-        self._lock = os.open(self.path / ".lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+        self._lock = os.open(self.path / LOCK, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
         try:
             fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:

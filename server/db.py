@@ -49,7 +49,7 @@ class Database:
             migrate(self.engine)
         except DBAPIError as error:
             self.engine.dispose()
-            raise LedgerError(f"{path} cannot be written: {error.orig}.") from None
+            raise LedgerError(_unusable(path, str(error.orig))) from None
         except BaseException:
             self.engine.dispose()
             raise
@@ -70,6 +70,12 @@ class Database:
     def close(self) -> None:
         """Let go of the file."""
         self.engine.dispose()
+
+
+def _unusable(path: Path, fault: str) -> str:
+    if "locked" in fault or "readonly" in fault or "disk" in fault:
+        return f"{path} cannot be written: {fault}."
+    return f"{path} cannot be brought up to date, and was left as it was: {fault}."
 
 
 def _engine(path: Path) -> Engine:
@@ -98,10 +104,10 @@ def examine(path: Path) -> None:
     if not path.exists():
         return
     try:
-        with closing(sqlite3.connect(_untouched(path), uri=True)) as opened:
+        with closing(sqlite3.connect(untouched(path), uri=True)) as opened:
             verdict = opened.execute("PRAGMA quick_check(1)").fetchone()[0]
             names = {name for (name,) in opened.execute("SELECT name FROM sqlite_master")}
-            revision = _revision(opened) if "alembic_version" in names else None
+            revision = revision_of(opened) if "alembic_version" in names else None
     except sqlite3.DatabaseError as error:
         raise LedgerError(
             f"{path} cannot be read as a ledger: {error}. Restore it from a copy, or start with "
@@ -119,13 +125,14 @@ def examine(path: Path) -> None:
         )
 
 
-def _untouched(path: Path) -> str:
+def untouched(path: Path) -> str:
     """The address under which SQLite reads a file and makes none beside it."""
     has_log = path.with_name(f"{path.name}-wal").exists()
     return f"{path.absolute().as_uri()}?mode=ro{'' if has_log else '&immutable=1'}"
 
 
-def _revision(connection: sqlite3.Connection) -> str | None:
+def revision_of(connection: sqlite3.Connection) -> str | None:
+    """The revision of a ledger."""
     row = connection.execute("SELECT version_num FROM alembic_version").fetchone()
     return row and str(row[0])
 

@@ -210,14 +210,19 @@ def public(episode: Episode) -> EpisodePublic:
 
 
 def _fields(episode: Episode) -> dict[str, Any]:
-    own = {"evaluation", "policy", "recording", "thumbnail", "live"}
+    own = {"evaluation", "policy", "recording", "recording_removed", "thumbnail", "live"}
     fields = {n: getattr(episode, n) for n in EpisodePublic.model_fields if n not in own}
     path = f"/api/v1/episodes/{episode.id}"
     live = episode.state == EpisodeState.RUNNING and episode.evaluation.recordings
     return fields | {
         "evaluation": episode.evaluation_id,
         "policy": episode.evaluation.policy_version.policy.name,
-        "recording": f"{path}/recording.rrd" if episode.recording or live else None,
+        "recording": f"{path}/recording.rrd" if _is_kept(episode) or live else None,
+        "recording_removed": episode.removal and episode.removal.time,
         "live": live,
         "thumbnail": f"{path}/thumbnail.jpg" if episode.thumbnail else None,
     }
+
+
+def _is_kept(episode: Episode) -> bool:
+    return episode.recording is not None and episode.removal is None

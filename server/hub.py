@@ -14,7 +14,9 @@ from server.data_folder import DataFolder
 from server.db import Database
 from server.deliverer import Deliverer
 from server.growing import GrowingRecordings
+from server.metrics import Metrics
 from server.reconciler import Reconciler
+from server.retention import Retention, Rule
 from server.settings import EVERY_ADDRESS, Settings
 from server.uploads import Uploads
 from workers.engines.engine import Engine
@@ -75,6 +77,9 @@ class Hub:
             if self.settings.asks_token
             else None
         )
+        self.metrics = Metrics(self)
+        rule = Rule(self.settings.keep_days, self.settings.keep_bytes)
+        self.retention = Retention(self.database, self.blobs, rule)
         self.loading = asyncio.Lock()  # of a checkpoint: one takes much memory
 
     @property
@@ -117,6 +122,7 @@ class Hub:
             if self.settings.references:
                 first_run.evaluate_references(session)
         self.deliverer.start()
+        self.retention.start()
         if self.settings.workers:
             self._start_workers(self.settings.workers)
 
@@ -158,6 +164,7 @@ class Hub:
         """Stops workers and lets go of the data folder; nothing that is final is lost."""
         self.bell.close()
         self.deliverer.stop()
+        self.retention.stop()
         if self.reconciler:
             self.reconciler.stop()
         if self.engine:

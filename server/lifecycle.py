@@ -11,6 +11,7 @@ resume ─► failed Shards pending                                       Evalua
 """
 
 import hashlib
+import logging
 import secrets
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -41,11 +42,14 @@ from server.states import (
 )
 from workers.protocol import EPISODE_FINAL, SHARD_SIZE
 
+logger = logging.getLogger(__name__)
 FAULTS = 3  # attempts of a shard that may be lost before it fails
 
 
 def emit(session: Session, evaluation: str, kind: str, **payload: Any) -> None:
     """Adds to what followers of an evaluation are told."""
+    facts = {"evaluation": evaluation, "event": kind, "facts": payload}
+    logger.info("An evaluation goes on", extra=facts)
     session.add(Event(evaluation_id=evaluation, kind=kind, payload=payload))
 
 

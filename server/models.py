@@ -283,6 +283,9 @@ class Episode(Base):
     sandbox: Mapped[str | None] = mapped_column(Name)  # around the policy's process, if it had one
     shard: Mapped[Shard] = relationship(back_populates="episodes")
     evaluation: Mapped[Evaluation] = relationship(lazy="joined")
+    removal: Mapped["Removal | None"] = relationship(  # of its recording
+        primaryjoin="foreign(Episode.recording) == Removal.sha256", viewonly=True, lazy="joined"
+    )
 
 
 class Decision(Base):
@@ -361,6 +364,15 @@ class Blob(Base):
     size: Mapped[int]  # bytes
     media_type: Mapped[str] = mapped_column(Name)
     created: Mapped[datetime] = mapped_column(default=now)
+
+
+class Removal(Base):
+    """A file that is gone to make room; what was measured stays."""
+
+    __tablename__ = "removals"
+    sha256: Mapped[str] = mapped_column(ForeignKey("blobs.sha256"), primary_key=True)
+    time: Mapped[datetime] = mapped_column(default=now)
+    reason: Mapped[str] = mapped_column(Name)
 
 
 class Divergence(Base):

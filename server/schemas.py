@@ -270,6 +270,7 @@ class EpisodePublic(BaseModel):
     timing: Timing | None
     committed: datetime | None
     recording: str | None  # path of the .rrd; of a running episode it grows
+    recording_removed: datetime | None  # when it was, to make room
     live: bool  # the recording is growing
     thumbnail: str | None  # path of a JPEG, 128 x 128
     sandbox: Sandbox | None  # around the policy's process; null if it had none, or not final

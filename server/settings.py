@@ -41,8 +41,14 @@ class Settings(BaseSettings):
     # hosts, host:port and networks where a remote policy may be besides the internet over TLS
     allow_remote: tuple[str, ...] = ()
     allow_webhook: tuple[str, ...] = ()  # and where receivers of webhooks may be
+    log_format: Literal["text", "json"] = "text"  # of what the server says on standard error
+    # from which on; default: INFO as json, else WARNING
+    log_level: Literal["DEBUG", "INFO", "WARNING", "ERROR"] | None = None
     references: bool = True  # evaluate the built-in policies on first start?
     checkpoint_limit: Annotated[int, Field(gt=0)] = 4 * 2**30  # bytes of an uploaded one
+    # Recordings that are removed to make room, never results; null: none
+    keep_days: Annotated[float, Field(gt=0)] | None = None  # older ones go
+    keep_bytes: Count | None = None  # of all of them; the oldest go first
     # s of wall time for an episode; what a Python policy may take comes on top
     episode_limit: Annotated[float, Field(gt=0)] = 600.0
     # local: everything is done as one owner; users: everybody signs in

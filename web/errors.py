@@ -12,7 +12,7 @@ from starlette.responses import RedirectResponse, Response
 from server.problems import Problem, of_exception
 from web.templating import page, query
 
-FOR_PROGRAMS = ("/api/", "/internal/", "/static/", "/viewer/")
+FOR_PROGRAMS = ("/api/", "/internal/", "/metrics", "/static/", "/viewer/")
 Handler = Callable[[Request, Any], Response | Awaitable[Response]]
 
 

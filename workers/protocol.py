@@ -16,7 +16,7 @@ code `episode_final` it says that the episode is committed, and the worker goes 
 import hashlib
 import json
 from pathlib import Path
-from typing import Annotated, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import Base64Bytes, BaseModel, ConfigDict, Field, model_validator
 
@@ -36,6 +36,8 @@ INTERNAL = "/internal/v1"
 EPISODE_FINAL = "episode_final"
 SHARD_SIZE = 5  # episodes of one task
 DEATHS = 3  # of the policy's process, by a signal, in one episode: then they are its failure
+
+UNMEASURED = {"timing", "recording", "detail"}  # of a result: no part of its digest
 
 Sha256 = Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
 Timeout = Annotated[float, Field(gt=0, le=3600)]  # s for one answer
@@ -207,11 +209,18 @@ def measured_digest(
 
     What the machine's clock said does not count, nor does the recording.
     """
-    content = {
-        "result": result.model_dump(mode="json", exclude={"timing", "recording", "detail"}),
-        "start": start.model_dump(mode="json"),
-        "decisions": [decision.model_dump(mode="json") for decision in decisions],
-        "changes": [change.model_dump(mode="json") for change in changes],
-    }
+    return digest_of_documents(
+        result.model_dump(mode="json", exclude=UNMEASURED),
+        start.model_dump(mode="json"),
+        [decision.model_dump(mode="json") for decision in decisions],
+        [change.model_dump(mode="json") for change in changes],
+    )
+
+
+def digest_of_documents(
+    result: dict[str, Any], start: Any, decisions: list[Any], changes: list[Any]
+) -> str:
+    """The same of documents as a ledger keeps them, without what newer versions know besides."""
+    content = {"result": result, "start": start, "decisions": decisions, "changes": changes}
     text = json.dumps(content, sort_keys=True, separators=(",", ":"))
     return hashlib.sha256(text.encode()).hexdigest()

@@ -31,6 +31,8 @@ class Results(BaseModel):
     machine: dict[str, str] = {}
     created: str = ""
     episodes: list[EpisodeResult] = []
+    digests: dict[str, str] = {}  # per episode, SHA-256 of its result and decisions
+    recording_hashes: dict[str, str] = {}  # SHA-256 of each recording, by its path in the folder
 
     def same_run(self, other: "Results") -> str | None:
         """Why episodes of these two may not stand in one file; None if they may."""
@@ -77,6 +79,14 @@ class Results(BaseModel):
         place = {task: number for number, task in enumerate(self.tasks)}
         episodes.sort(key=lambda episode: (place[episode.task], episode.index))
         return self.model_copy(update={"episodes": episodes})
+
+    def sealed(self, name: str, digest: str, recordings: dict[str, str]) -> "Results":
+        """These results with what tells later whether an episode was changed."""
+        changes = {
+            "digests": self.digests | {name: digest},
+            "recording_hashes": self.recording_hashes | recordings,
+        }
+        return self.model_copy(update=changes)
 
     @property
     def complete(self) -> bool:

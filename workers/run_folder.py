@@ -7,6 +7,7 @@ opening the folder again clears what they left behind.
 
 import errno
 import fcntl
+import hashlib
 import json
 import os
 from collections.abc import Iterable, Sequence
@@ -22,6 +23,7 @@ from hide_tasks.contract import (
     InvalidAction,
     parse_action,
 )
+from workers.protocol import UNMEASURED, digest_of_documents
 from workers.results import Results
 
 RESULTS = "results.json"
@@ -89,8 +91,18 @@ class RunFolder:
         with open(self.path / DECISIONS, "a", encoding="utf-8") as file:
             file.writelines(lines)
             _flush(file)
-        self.results = self.results.with_episode(result)
+        documents = [decision.model_dump(mode="json") for decision in decisions]
+        self.results = self.results.with_episode(result).sealed(
+            name_of(result), run_digest(result, documents), self._hashed(result)
+        )
         self._save()
+
+    def _hashed(self, result: EpisodeResult) -> dict[str, str]:
+        """The hash of the episode's recording, by its path."""
+        if result.recording is None or not (self.path / result.recording).is_file():
+            return {}
+        with (self.path / result.recording).open("rb") as file:
+            return {result.recording: hashlib.file_digest(file, "sha256").hexdigest()}
 
     def tidy(self) -> None:
         """Removes what unfinished episodes left behind, and brings the decisions into order.
@@ -100,7 +112,7 @@ class RunFolder:
         """
         keys = [(episode.task, episode.index) for episode in self.results.episodes]
         place = {key: number for number, key in enumerate(keys)}
-        lines = [line for line in _decision_lines(self.path) if _key(line) in place]
+        lines = [line for line in decision_lines(self.path) if _key(line) in place]
         _replace(self.path / DECISIONS, sorted(lines, key=lambda line: place[_key(line)]))
         for file in self.recordings.glob(f"*{PART}"):
             file.unlink()
@@ -108,6 +120,18 @@ class RunFolder:
     def _save(self) -> None:
         text = json.dumps(self.results.model_dump(mode="json"), indent=1) + "\n"
         _replace(self.path / RESULTS, [text])
+
+
+def name_of(result: EpisodeResult) -> str:
+    """An episode's name in files and messages."""
+    return f"{result.task}-{result.split}-{result.index:03d}"
+
+
+def run_digest(result: EpisodeResult, decisions: list[Any]) -> str:
+    """SHA-256 of a result and its decisions' documents; what the clock said does not count."""
+    return digest_of_documents(
+        result.model_dump(mode="json", exclude=UNMEASURED), None, decisions, []
+    )
 
 
 def read(path: Path) -> Results:
@@ -133,7 +157,7 @@ def read_actions(path: Path) -> dict[tuple[str, int], list[Action]]:
         FolderError: the folder is not a run's, or its decisions are damaged.
     """
     actions: dict[tuple[str, int], list[Action]] = {key: [] for key in read(path).finished}
-    for line in _decision_lines(path):
+    for line in decision_lines(path):
         if _key(line) in actions:
             actions[_key(line)].append(_action(line))
     return actions
@@ -174,7 +198,7 @@ def _lock(path: Path) -> int:
     return lock
 
 
-def _decision_lines(path: Path) -> list[str]:
+def decision_lines(path: Path) -> list[str]:
     """Complete lines; a last line without its end was cut off by a crash."""
     try:
         text = (path / DECISIONS).read_text(encoding="utf-8", errors="replace")

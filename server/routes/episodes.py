@@ -16,7 +16,7 @@ from server.access import Router, Scope, needs
 from server.deps import Cursor, EpisodeId, EvaluationId, Limit, Reading, TheHub
 from server.growing import BrokenOff, Growing
 from server.hub import Hub
-from server.problems import not_found
+from server.problems import Problem, not_found
 from server.revalidation import FOR_EVER, Revalidate, Revalidation
 from server.schemas import (
     ChangePublic,
@@ -130,7 +130,7 @@ def _unless_final(session: Session, episode: str, revalidate: Revalidation) -> N
 def get_thumbnail(episode: str, session: Reading, hub: TheHub) -> FileResponse:
     """What the front camera saw last."""
     sha256 = episodes.row(session, episode).thumbnail
-    if sha256 is None:
+    if sha256 is None or not hub.blobs.holds(sha256):
         raise not_found("thumbnail of episode", episode)
     return FileResponse(hub.blobs.path(sha256), media_type=blobs.JPEG, headers=FOR_EVER)
 
@@ -147,7 +147,7 @@ async def get_recording(episode: EpisodeId, hub: TheHub) -> Response:
     if growing is not None:
         return Followed(growing.follow(), media_type=blobs.RRD, headers=NEVER)
     sha256 = await asyncio.to_thread(_recording, hub, episode)
-    if sha256 is None:
+    if sha256 is None or not hub.blobs.holds(sha256):
         raise not_found("recording of episode", episode)
     return FileResponse(hub.blobs.path(sha256), media_type=blobs.RRD, headers=FOR_EVER)
 
@@ -163,7 +163,12 @@ async def _coming_in(hub: Hub, episode: str) -> Growing | None:
 
 def _recording(hub: Hub, episode: str) -> str | None:
     with hub.database.reading() as session:
-        return episodes.row(session, episode).recording
+        row = episodes.row(session, episode)
+        if row.removal is not None:
+            when = f"{row.removal.time:%Y-%m-%d}"
+            detail = f"The recording was removed on {when} to make room ({row.removal.reason})."
+            raise Problem(410, "recording_removed", detail)
+        return row.recording
 
 
 def _expected(hub: Hub, episode: str) -> bool:

@@ -75,6 +75,8 @@ def receive_result(attempt: AttemptId, episode: str, what: EpisodeCommit, hub: T
     if isinstance(outcome, Problem):
         logger.error("An episode went differently the second time", extra={"episode": episode})
         raise outcome
+    if not outcome.already:
+        hub.metrics.count(what.result)
     return outcome
 
 

@@ -27,7 +27,7 @@ from server.access import Principal, Role, Scope
 from server.blobs import Blobs
 from server.commit import commit
 from server.db import Database, examine, known_revisions, migrate, migrations
-from server.models import Attempt, Base, User
+from server.models import Attempt, Base, Removal, User
 from server.schemas import LabelCreate
 from server.states import WebhookEvent
 from tests.server import ledgers
@@ -88,6 +88,7 @@ def fill(database: Database, folder: Path) -> None:
         )  # fmt: skip
         hook.after = 0
         webhooks.collect(session)
+        session.add(Removal(sha256=episode.thumbnail, reason="test"))
 
 
 def test_up_from_nothing_equals_the_models(database: Database) -> None:

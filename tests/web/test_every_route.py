@@ -31,6 +31,7 @@ OPEN = {  # whoever adds to these says why in the review
     ("OPTIONS", "/api/v1/uploads"),
 }
 UNKNOWN, FORBIDDEN = 401, 403
+FOR_PROGRAMS = ("/api/", "/internal/", "/metrics", "/viewer/")
 
 
 class Asked(NamedTuple):
@@ -94,7 +95,7 @@ def test_a_stranger_gets_nowhere(app: FastAPI, credential: str | None) -> None:
         answer = stranger.request(one.method, one.example, content=b"{")
         if one.need is Gate.PUBLIC and credential is None:
             assert answer.status_code not in (UNKNOWN,), one
-        elif one.method == "GET" and not one.path.startswith(("/api/", "/internal/", "/viewer/")):
+        elif one.method == "GET" and not one.path.startswith(FOR_PROGRAMS):
             assert answer.status_code == 303, one
             assert answer.headers["location"].startswith("/login?next=%2F"), one
         else:
