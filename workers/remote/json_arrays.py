@@ -10,7 +10,14 @@ from typing import Any
 
 import numpy as np
 
-from workers.remote.arrays import MAX_MESSAGE, BadMessage, Counting, array_of, no_number
+from workers.remote.arrays import (
+    MAX_MESSAGE,
+    MOST_AXES,
+    BadMessage,
+    Counting,
+    array_of,
+    no_number,
+)
 
 ARRAY = "__numpy__"
 
@@ -64,11 +71,11 @@ def _on_map(value: dict[str, Any]) -> Any:
     return array_of(value.get("dtype"), value.get("shape"), data)
 
 
-def stacked(value: Any) -> Any:
+def stacked(value: Any, depth: int = MOST_AXES) -> Any:
     """Lists of numbers, and of rows of them, as one array; anything else as it is."""
-    if not isinstance(value, list) or not value:
+    if not isinstance(value, list) or not value or not depth:
         return value
-    rows = [stacked(one) for one in value]
+    rows = [stacked(one, depth - 1) for one in value]
     if all(type(one) in (int, float) for one in rows):
         return _array(rows)
     if all(isinstance(one, np.ndarray) and one.shape == rows[0].shape for one in rows):

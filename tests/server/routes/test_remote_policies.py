@@ -1,5 +1,6 @@
 """Policies on other machines, registered over HTTP and held to what their servers take."""
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -17,6 +18,13 @@ from workers.remote.maps import Declaration, everything
 
 PLAIN = {"kind": "remote", "observation": STATE, "action": JOINTS}
 OURS = Declaration(model="mine", observation=everything(), max_sessions=3).message()
+
+
+@pytest.fixture
+def database(tmp_path: Path) -> Iterator[Database]:
+    opened = ledgers.opened(tmp_path)
+    yield opened
+    opened.close()
 
 
 def register(here: TestClient, url: str, **changes: object) -> object:

@@ -165,6 +165,7 @@ def array(dtype: object, shape: object = (7,), data: object = "AAAA" * 19) -> by
         (b"null", "'actions' is NoneType"),
         (b"[]", "'actions' is list"),
         (b"[[1, 2], [3]]", "'actions' is list"),
+        (b"[" * 500 + b"1" + b"]" * 500, "'actions' is list"),
         (b'["left"]', "'actions' is list"),
         (b"[true, true, true, true, true, true, true]", "'actions' is list"),
         (ROW[:6], r"shape \(6,\); expected \(1 to 200, 7\)"),
