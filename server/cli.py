@@ -99,7 +99,8 @@ def evaluate(
             metavar="POLICY",
             help="expert, amnesiac, random, noop; replay:DIR, the actions of another run; a "
             "checkpoint, path/to/file.safetensors; your own class, python:module:Class or "
-            "python:path/to/file.py:Class; or a policy that is served, ws://host:port.",
+            "python:path/to/file.py:Class; or a policy that is served, ws://host:port, "
+            "http://host:port/act or tcp://host:port.",
         ),
     ],
     tasks: Tasks = "",
@@ -131,7 +132,8 @@ def evaluate(
         Path | None,
         Option(
             metavar="FILE",
-            help="For ws://…: a TOML file with what the policy sees, how it acts, its time limits.",
+            help="For a policy that is served: a TOML file with its wire, what it sees, how it "
+            "acts, its time limits.",
         ),
     ] = None,
 ) -> None:

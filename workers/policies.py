@@ -21,13 +21,15 @@ from workers.protocol import RemotePolicy
 from workers.remote import egress
 from workers.remote.keys import BadKeys, key_of
 from workers.remote.target import About, RemoteProcess, Target, Unreachable, process_of
+from workers.remote.wires import BY_SCHEME
 from workers.sandbox.choice import Sandbox
 
 BUILTIN = ("expert", "amnesiac", "random", "noop")
 ACCEPTED = (
     f"{', '.join(BUILTIN)}, replay:DIR (a run folder), "
     "python:module:Class or python:path/to/file.py:Class, "
-    "a checkpoint, path/to/file.safetensors; ws://host:port or wss://…, a policy that is served"
+    "a checkpoint, path/to/file.safetensors; a policy that is served, ws://host:port or wss://…, "
+    "http://host:port/act, tcp://host:port"
 )
 SUFFIX = ".safetensors"  # of a checkpoint
 MISMATCH = f"{BadCheckpoint.__module__}.{BadCheckpoint.__qualname__}: "  # a traceback's last line
@@ -222,7 +224,7 @@ class Remote(Hosted):
             BadPolicy: the address is none, or is certainly not allowed.
         """
         try:
-            egress.foresee(egress.parse_url(spec.url), allowed)
+            egress.foresee(egress.parse_url(spec.url, spec.schemes), allowed)
         except egress.Forbidden as error:
             raise BadPolicy(f"{error}.") from None
         told = replace(surroundings, timeout=spec.timeout)
@@ -271,7 +273,7 @@ class Remote(Hosted):
             BadKeys: the keys of servers cannot be read.
         """
         spec = self.spec
-        key = key_of(egress.parse_url(spec.url))
+        key = key_of(egress.parse_url(spec.url, spec.schemes))
         process = process_of(Target(policy=spec, allowed=self.allowed, key=key))
         process.log, process.threads = self.surroundings.log, self.surroundings.threads
         return process
@@ -300,7 +302,7 @@ def parse(
         BadPolicy: it names none.
     """
     kind, _, rest = text.partition(":")
-    if kind in ("ws", "wss") and rest:
+    if kind in BY_SCHEME and rest:
         return read_remote(text, surroundings, maps)
     if maps is not None:
         raise BadPolicy(
@@ -348,15 +350,17 @@ def read_remote(
     Raises:
         BadPolicy: the address or the file is wrong; nothing was connected.
     """
-    timeout = surroundings.timeout
-    declared = {"timeout": timeout, **(_read_maps(maps) if maps else {}), "url": url}
+    wire = BY_SCHEME.get(url.partition(":")[0], "openpi")
+    known = {"timeout": surroundings.timeout, "wire": wire}
+    declared = {**known, **(_read_maps(maps) if maps else {}), "url": url}
     try:
         spec = RemotePolicy.model_validate(declared)
-        return Remote.of_spec(spec, [egress.parse_url(url).place], surroundings)
+        return Remote.of_spec(spec, [egress.parse_url(url, spec.schemes).place], surroundings)
     except ValidationError as error:
         fault = error.errors()[0]
-        place = ".".join(str(part) for part in fault["loc"])
-        raise BadPolicy(f"{maps or url}: {place}: {fault['msg']}.") from None
+        place = "".join(f"{part}." for part in fault["loc"])[:-1]
+        what = f"{place}: {fault['msg']}" if place else fault["msg"]
+        raise BadPolicy(f"{maps or url}: {what}.") from None
     except egress.Forbidden as error:
         raise BadPolicy(f"{error}.") from None
 

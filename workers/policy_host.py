@@ -25,7 +25,7 @@ from workers import wire
 
 PR_SET_PDEATHSIG = 1  # prctl(2)
 CHECKPOINT = "checkpoint:"  # then an absolute path: no class has such a name
-REMOTE = "remote:"  # then a `workers.remote.openpi.Target` as JSON
+REMOTE = "remote:"  # then a `workers.remote.target.Target` as JSON
 
 
 def load(target: str) -> Policy:
@@ -59,8 +59,9 @@ def _checkpoint(path: Path) -> Policy:
 
 
 def _remote(target: str) -> Policy:
-    # By name: other policies need no WebSocket.
-    policy: Policy = importlib.import_module("workers.remote.openpi").load(target)
+    # By name: other policies need no WebSocket, and no wire another one's libraries.
+    parsed = importlib.import_module("workers.remote.target").Target.model_validate_json(target)
+    policy: Policy = importlib.import_module(f"workers.remote.{parsed.policy.wire}").load(parsed)
     return policy
 
 

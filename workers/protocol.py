@@ -30,6 +30,7 @@ from hide_tasks.contract import (
     Start,
 )
 from workers.remote.maps import ActionMap, ObservationMap, require_free_names
+from workers.remote.wires import SCHEMES, STATELESS, Dialect, Wire
 from workers.sandbox.choice import Sandbox
 
 INTERNAL = "/internal/v1"
@@ -41,7 +42,6 @@ UNMEASURED = {"timing", "recording", "detail"}  # of a result: no part of its di
 
 Sha256 = Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
 Timeout = Annotated[float, Field(gt=0, le=3600)]  # s for one answer
-Dialect = Literal["hide", "roboarena", "openpi"]  # of the openpi wire: what says that it begins
 
 
 class _Message(BaseModel):
@@ -93,7 +93,7 @@ class RemotePolicy(_Message):
 
     kind: Literal["remote"] = "remote"
     url: Annotated[str, Field(max_length=500)]
-    wire: Literal["openpi"] = "openpi"
+    wire: Wire = "openpi"
     dialect: Dialect | None = None  # None: what the server speaks; said at registration
     observation: ObservationMap | None = None  # None: as a server of our dialect declares it
     action: ActionMap | None = None
@@ -105,12 +105,24 @@ class RemotePolicy(_Message):
     @property
     def stateless_transport(self) -> bool:
         """True if nothing but a new connection tells the policy of a new episode."""
-        return self.dialect == "openpi"
+        return self.dialect in STATELESS
+
+    @property
+    def schemes(self) -> tuple[str, ...]:
+        """What its URL may begin with."""
+        return SCHEMES[self.wire]
 
     @model_validator(mode="after")
     def _maps_are_whole(self) -> Self:
         if (self.observation is None) != (self.action is None):
             raise ValueError("observation and action are declared together, or by the server")
+        if self.observation is None and self.wire != "openpi":
+            raise ValueError(
+                f"a server of {self.wire} does not say what it wants to see; declare observation "
+                "and action"
+            )
+        if self.wire != "openpi" and self.dialect not in (None, self.wire):
+            raise ValueError(f"{self.dialect} is a dialect of openpi, not of {self.wire}")
         if self.observation is not None:
             require_free_names(self.observation)
         return self

@@ -1,7 +1,7 @@
 """Replies of remote policies as actions, or what is wrong with them."""
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, TypeGuard
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,13 +18,14 @@ def actions_of(reply: Mapping[Any, Any], declared: ActionMap) -> list[Any]:
     Raises:
         InvalidAction: the reply has none, or they are not as they were declared.
     """
-    if declared.name not in reply:
-        found = plain_text(", ".join(sorted(map(str, reply))[:10])) or "nothing"
-        raise InvalidAction(f"the reply has no '{declared.name}'; it has {found}")
-    value = reply[declared.name]
+    for name in declared.names:
+        if name not in reply:
+            found = plain_text(", ".join(sorted(map(str, reply))[:10])) or "nothing"
+            raise InvalidAction(f"the reply has no '{name}'; it has {found}")
+    values = {name: reply[name] for name in declared.names}
     if declared.kind == "action":
-        return [value]
-    rows = _rows(value, declared)[: declared.execute]
+        return list(values.values())
+    rows = _rows(values, declared)[: declared.execute]
     if declared.kind == "keyframe":
         return [_keyframe(row, declared) for row in rows]
     chunk = rows if declared.kind == "joint_position" else _deltas(rows, declared)
@@ -32,19 +33,36 @@ def actions_of(reply: Mapping[Any, Any], declared: ActionMap) -> list[Any]:
     return [{"kind": declared.kind, "chunk": chunk.tolist()}]
 
 
-def _rows(value: object, declared: ActionMap) -> NDArray[np.float64]:
+def _rows(values: Mapping[str, object], declared: ActionMap) -> NDArray[np.float64]:
     """(rows, columns), as declared and finite."""
+    named = " and ".join(f"'{name}'" for name in values)
     expected = f"({declared.rows or f'1 to {MAX_CHUNK}'}, {declared.columns})"
-    if not isinstance(value, np.ndarray) or value.dtype.kind not in "fiu":
-        kind = f"array of {value.dtype}" if isinstance(value, np.ndarray) else type(value).__name__
-        raise InvalidAction(f"'{declared.name}' is {kind}; expected numbers of shape {expected}")
-    rows = value[None] if value.ndim == 1 else value
+    parts = [_part(name, value, declared, expected) for name, value in values.items()]
+    shapes = " and ".join(str(value.shape) for value in values.values() if _is_array(value))
     counts = (declared.rows,) if declared.rows else range(1, MAX_CHUNK + 1)
-    if rows.ndim != 2 or rows.shape[1] != declared.columns or len(rows) not in counts:
-        raise InvalidAction(f"'{declared.name}' has shape {value.shape}; expected {expected}")
+    fits = all(part.ndim == 2 and len(part) == len(parts[0]) for part in parts)
+    rows = np.concatenate(parts, axis=1) if fits else None
+    if rows is None or rows.shape[1] != declared.columns or len(rows) not in counts:
+        raise InvalidAction(f"{named} has shape {shapes}; expected {expected}")
     if not np.isfinite(rows).all():
-        raise InvalidAction(f"'{declared.name}' holds NaN or infinite values")
+        raise InvalidAction(f"{named} holds NaN or infinite values")
     return rows.astype(np.float64)
+
+
+def _part(name: str, value: object, declared: ActionMap, expected: str) -> NDArray[Any]:
+    """An array of a reply without its axes of length one; a single row as rows."""
+    if not _is_array(value) or value.dtype.kind not in "fiu":
+        kind = f"array of {value.dtype}" if _is_array(value) else type(value).__name__
+        raise InvalidAction(f"'{name}' is {kind}; expected numbers of shape {expected}")
+    axes = (1,) * declared.axes
+    if value.shape[: declared.axes] != axes:
+        raise InvalidAction(f"'{name}' has shape {value.shape}; expected {axes} and {expected}")
+    value = value.reshape(value.shape[declared.axes :])
+    return value[None] if value.ndim == 1 and not declared.join else value
+
+
+def _is_array(value: object) -> TypeGuard[NDArray[Any]]:
+    return isinstance(value, np.ndarray)
 
 
 def _keyframe(row: NDArray[np.float64], declared: ActionMap) -> dict[str, Any]:

@@ -15,7 +15,7 @@ from time import monotonic
 from urllib.parse import urlsplit
 
 LONGEST_URL = 500
-PORTS = {"ws": 80, "wss": 443, "http": 80, "https": 443}
+PORTS = {"ws": 80, "wss": 443, "http": 80, "https": 443, "tcp": 5555}  # GR00T's is 5555
 SECURE = ("wss", "https")
 UNICAST = ipaddress.ip_network("2000::/3")  # all that is handed out of version 6
 TUNNELS = tuple(map(ipaddress.ip_network, ("2002::/16", "2001::/32")))  # hold a version 4 address
@@ -140,9 +140,10 @@ def foresee(peer: Peer, allowed: Sequence[str] = ()) -> None:
 
 
 def _unencrypted(peer: Peer) -> Forbidden:
+    instead = f"use {peer.scheme}s://, or " if f"{peer.scheme}s" in SECURE else ""
     return Forbidden(
-        f"{peer.scheme}:// to {peer.host} is not encrypted; use {peer.scheme}s://, or have the "
-        f"operator allow {peer.place}"
+        f"{peer.scheme}:// to {peer.host} is not encrypted; {instead}have the operator allow "
+        f"{peer.place}"
     )
 
 

@@ -56,6 +56,7 @@ class Seen(_Declared):
     ]
     size: Annotated[int, Field(ge=16, le=512)] | None = None  # pixels both ways; None: 128
     layout: Literal["hwc", "chw"] = "hwc"  # of rgb
+    axes: Annotated[int, Field(ge=0, le=3)] = 0  # of length one in front, or lists round a text
     dtype: Literal["float32", "float64"] = "float32"  # of all but rgb
 
     @model_validator(mode="after")
@@ -92,8 +93,17 @@ def _require_source(name: str) -> None:
     )
 
 
-Entries = Annotated[dict[Name, Seen], Field(min_length=1, max_length=MOST_ENTRIES)]
-ObservationMap = Annotated[dict[Name, Seen | Entries], Field(min_length=1, max_length=MOST_ENTRIES)]
+class Said(_Declared):
+    """One entry that is the same in every observation, such as the name of a robot."""
+
+    value: Annotated[str, Field(max_length=200)] | bool | int | float
+
+
+Entry = Seen | Said
+Entries = Annotated[dict[Name, Entry], Field(min_length=1, max_length=MOST_ENTRIES)]
+ObservationMap = Annotated[
+    dict[Name, Entry | Entries], Field(min_length=1, max_length=MOST_ENTRIES)
+]
 
 
 class ActionMap(_Declared):
@@ -110,6 +120,8 @@ class ActionMap(_Declared):
 
     kind: Literal["action", "keyframe", "joint_position", "ee_delta"] = "action"
     key: Name | None = None  # in the reply; None: action, or actions for an array
+    join: Annotated[tuple[Name, ...], Field(max_length=16)] = ()  # arrays that are one side by side
+    axes: Annotated[int, Field(ge=0, le=2)] = 0  # of length one in front of (rows, columns)
     rotation: Rotation | None = None  # None: quaternion_xyzw, for ee_delta rotation_vector
     flags: Annotated[tuple[Flag, ...], Field(max_length=2)] = ()  # true above 0.5
     open: float = 1.0  # the opening's column when the fingers are open; beyond is cut off
@@ -128,6 +140,10 @@ class ActionMap(_Declared):
             raise ValueError("flags are further columns of keyframes, each once")
         if self.kind != "ee_delta" and (self.position_scale, self.rotation_scale) != (1.0, 1.0):
             raise ValueError("position_scale and rotation_scale are of ee_delta alone")
+        if self.join and (self.key or self.kind == "action" or len(self.join) == 1):
+            raise ValueError("join names two arrays or more, of rows, and then there is no key")
+        if self.axes and self.kind == "action":
+            raise ValueError("an action of our own form has no axes")
         if self.open == self.shut:
             raise ValueError("open and shut are the same number")
         if self.rows and self.execute and self.execute > self.rows:
@@ -149,9 +165,9 @@ class ActionMap(_Declared):
         return 3 + ROTATIONS[self.turn] + 1 + len(self.flags)
 
     @property
-    def name(self) -> str:
+    def names(self) -> tuple[str, ...]:
         """Where the reply has it."""
-        return self.key or ("action" if self.kind == "action" else "actions")
+        return self.join or (self.key or ("action" if self.kind == "action" else "actions"),)
 
 
 class Declaration(_Declared):

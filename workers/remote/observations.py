@@ -9,22 +9,33 @@ from PIL import Image
 from scipy.spatial.transform import Rotation
 
 from hide_tasks.contract import CAMERAS, CameraView, Observation
-from workers.remote.maps import INSTRUCTION, PARTS, ObservationMap, Seen
+from workers.remote.maps import INSTRUCTION, PARTS, Entry, ObservationMap, Said, Seen
 
 
 def told(observation: Observation, declared: ObservationMap) -> dict[str, Any]:
     """The observation's entries that a policy declared, and nothing else."""
     return {
-        name: _entry(observation, seen)
-        if isinstance(seen, Seen)
-        else {inner: _entry(observation, one) for inner, one in seen.items()}
-        for name, seen in declared.items()
+        name: {inner: _entry(observation, one) for inner, one in entry.items()}
+        if isinstance(entry, dict)
+        else _entry(observation, entry)
+        for name, entry in declared.items()
     }
 
 
-def _entry(observation: Observation, seen: Seen) -> Any:
-    if seen.source == (INSTRUCTION,):
-        return observation.instruction
+def _entry(observation: Observation, entry: Entry) -> Any:
+    if isinstance(entry, Said):
+        return entry.value
+    if entry.source == (INSTRUCTION,):
+        return _listed(observation.instruction, entry.axes)
+    value = _numbers(observation, entry)
+    return value.reshape((1,) * entry.axes + value.shape)
+
+
+def _listed(text: str, axes: int) -> Any:
+    return [_listed(text, axes - 1)] if axes else text
+
+
+def _numbers(observation: Observation, seen: Seen) -> NDArray[Any]:
     if seen.part:
         return _of_camera(observation.views[seen.camera], seen)
     rows = [np.atleast_1d(_vector(observation, name)) for name in seen.source]

@@ -5,13 +5,14 @@ from pydantic import BaseModel, ConfigDict, computed_field
 from hide_tasks.contract import PolicyFailure
 from workers.policy_host import REMOTE
 from workers.policy_process import PolicyProcess
-from workers.protocol import Dialect, RemotePolicy
+from workers.protocol import RemotePolicy
+from workers.remote.wires import STATELESS, Dialect
 from workers.sandbox.choice import Sandbox
 
 PATIENCE = 5.0  # s for a server that refuses connections, once it was there
 OPEN_LIMIT = 60.0  # s until a server has said what it is, whatever it does
 REASONS = tuple(  # in front of messages that speak for themselves
-    f"workers.remote.{name}: " for name in ("openpi.BadServer", "egress.Forbidden")
+    f"workers.remote.{name}: " for name in ("client.BadServer", "egress.Forbidden")
 )
 
 
@@ -42,7 +43,7 @@ class About(BaseModel):
     @property
     def stateless_transport(self) -> bool:
         """True if nothing but a new connection tells the policy of a new episode."""
-        return self.dialect == "openpi"
+        return self.dialect in STATELESS
 
 
 class RemoteProcess(PolicyProcess):

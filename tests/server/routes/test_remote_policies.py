@@ -1,5 +1,6 @@
 """Policies on other machines, registered over HTTP and held to what their servers take."""
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -10,11 +11,20 @@ from server.jobs import draft
 from server.lifecycle import end_attempt
 from tests.server import ledgers
 from tests.server.clients import API, TestClient, client, hub_of, problem_of
-from tests.workers.remote.peers import JOINTS, STATE, answering, declared
+from tests.workers.remote.peers import JOINTS, STATE, answering, declared, websocket
+from tests.workers.remote.test_vla_eval import ModelServer
+from tests.workers.remote.test_vla_eval import maps as vla_eval_maps
 from workers.remote.maps import Declaration, everything
 
 PLAIN = {"kind": "remote", "observation": STATE, "action": JOINTS}
 OURS = Declaration(model="mine", observation=everything(), max_sessions=3).message()
+
+
+@pytest.fixture
+def database(tmp_path: Path) -> Iterator[Database]:
+    opened = ledgers.opened(tmp_path)
+    yield opened
+    opened.close()
 
 
 def register(here: TestClient, url: str, **changes: object) -> object:
@@ -55,6 +65,37 @@ def test_an_address_that_a_stranger_may_not_name(here: TestClient, url: str, mes
     assert refused.status_code == 422
     assert message in problem_of(refused)["detail"]
     assert here.get(f"{API}/policies/far").status_code == 404
+
+
+def test_a_server_of_another_wire_is_asked_what_it_is(tmp_path: Path) -> None:
+    with client(tmp_path, allow_remote=["127.0.0.1"]) as here, websocket(ModelServer()) as url:
+        found = register(here, url, **vla_eval_maps(concurrency=3)).json()["spec"]
+
+    assert (found["wire"], found["dialect"], found["model"]) == ("vla_eval", "vla_eval", "Small")
+    assert found["concurrency"] == 3
+    assert found["observation"]["images"]["agentview"]["from"] == ["front.rgb"]
+
+
+@pytest.mark.parametrize(
+    ("wire", "url", "changes", "message"),
+    [
+        ("act", "http://1.1.1.1/act", {}, "not encrypted; use https://"),
+        ("act", "https://169.254.169.254/act", {}, "not a public address"),
+        ("act", "ws://1.1.1.1", {}, "is no URL such as http://host"),
+        ("gr00t", "tcp://1.1.1.1", {}, "not encrypted; have the operator allow 1.1.1.1:5555"),
+        ("vla_eval", "https://1.1.1.1", {}, "is no URL such as ws://host"),
+        ("act", "https://1.1.1.1", {"observation": None, "action": None}, "does not say"),
+        ("act", "https://1.1.1.1", {"dialect": "hide"}, "hide is a dialect of openpi, not of act"),
+        ("telnet", "ws://1.1.1.1", {}, "'openpi', 'vla_eval', 'act' or 'gr00t'"),
+    ],
+)
+def test_what_does_not_fit_its_wire_is_refused(
+    here: TestClient, wire: str, url: str, changes: dict[str, object], message: str
+) -> None:
+    refused = register(here, url, wire=wire, **changes)
+
+    assert refused.status_code == 422
+    assert message in problem_of(refused)["detail"]
 
 
 def test_a_server_that_does_not_fit_is_refused(tmp_path: Path) -> None:

@@ -20,6 +20,11 @@ STATE = {
 JOINTS = {"kind": "joint_position"}
 
 
+def brief(value: object) -> str | None:
+    """The name of bytes in a test's name; megabytes of them would stand there otherwise."""
+    return f"{len(value)}_bytes" if isinstance(value, bytes) else None
+
+
 def declared(url: str, **changes: Any) -> RemotePolicy:
     """A plain openpi policy of joint positions at an address."""
     content = {"url": url, "observation": STATE, "action": JOINTS, **changes}

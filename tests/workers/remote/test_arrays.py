@@ -7,6 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as st_np
 
+from tests.workers.remote.peers import brief
 from workers.remote.arrays import MAX_MESSAGE, BadMessage, pack, unpack
 
 NUMBERS = st_np.array_shapes(min_dims=0, max_side=4).flatmap(
@@ -75,6 +76,7 @@ def array(dtype: object = "<f4", shape: object = (2,), data: object = bytes(8)) 
         b"\x81\xa1a\xa1\xff",
         bytes(MAX_MESSAGE + 1),
     ],
+    ids=brief,
 )
 def test_what_is_no_message_of_plain_numbers_is_refused(data: bytes) -> None:
     with pytest.raises(BadMessage):

@@ -33,10 +33,12 @@ def test_addresses_that_a_stranger_may_not_name(text: str) -> None:
         ("ws://host:8000", "host:8000"),
         ("wss://Example.ORG", "example.org:443"),
         ("ws://[::1]:9/path?x=1", "[::1]:9"),
+        ("https://lab/act", "lab:443"),
+        ("tcp://lab", "lab:5555"),
     ],
 )
 def test_where_a_url_leads(url: str, place: str) -> None:
-    assert parse_url(url).place == place
+    assert parse_url(url, ("ws", "wss", "https", "tcp")).place == place
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,8 @@
 
 import subprocess
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -10,8 +12,10 @@ from websockets.sync.server import ServerConnection
 
 from tests.seek_model.checkpoints import tiny_checkpoint
 from tests.server.running import until
+from tests.workers.remote import test_act, test_gr00t
 from tests.workers.remote.peers import answering, websocket
 from tests.workers.remote.test_serving import served
+from tests.workers.remote.test_vla_eval import ModelServer
 from tests.workers.test_policy_process import POLICIES
 from workers.evaluation import Evaluation, Watcher, evaluate
 from workers.remote import arrays
@@ -70,6 +74,41 @@ def test_a_stock_server_plays_with_declared_maps(tmp_path: Path) -> None:
     assert not episode.failure.startswith("policy_"), episode.detail
     assert "rows of dense actions is spent" in episode.detail
     assert results.remote is not None and results.remote["stateless_transport"]
+
+
+STILL = np.tile([0.0] * 6 + [1.0], (100, 1))  # displacements of nothing, the fingers open
+
+
+@contextmanager
+def standing_still(wire: str) -> Iterator[str]:
+    """The address of a server of that wire whose policy never moves."""
+    if wire == "act":
+        with test_act.answering(STILL) as url:
+            yield url
+    elif wire == "gr00t":
+        with test_gr00t.serving(test_gr00t.Server([{"actions": STILL}, {}])) as url:
+            yield url
+    else:
+        with websocket(ModelServer({"actions": STILL})) as url:
+            yield url
+
+
+@pytest.mark.parametrize("wire", ["vla_eval", "act", "gr00t"])
+def test_a_server_of_another_wire_plays(wire: str, tmp_path: Path) -> None:
+    (tmp_path / "maps.toml").write_text(
+        f'wire = "{wire}"\ntimeout = 20.0\n[observation]\nprompt = {{from = "instruction"}}\n'
+        '[action]\nkind = "ee_delta"\n'
+    )
+
+    with standing_still(wire) as url:
+        results = played(url, tmp_path / "run", maps=tmp_path / "maps.toml")
+
+    [episode] = results.episodes
+    assert episode.failure is not None
+    assert not episode.failure.startswith("policy_"), episode.detail
+    assert results.remote is not None
+    assert results.remote["dialect"] == wire
+    assert results.remote["stateless_transport"] is (wire == "act")
 
 
 def test_a_server_that_is_gone_costs_no_episode(tmp_path: Path) -> None:

@@ -101,6 +101,7 @@ def test_entries_may_stand_inside_another() -> None:
         ({"from": "front.depth", "layout": "chw"}, "front.depth has no channels"),
         ({"from": "front.rgb", "size": 100_000}, "less than or equal to 512"),
         ({"from": "front.rgb", "quality": 3}, "Extra inputs"),
+        ({"from": "front.rgb", "axes": 4}, "less than or equal to 3"),
     ],
 )
 def test_an_entry_that_fits_nothing_is_refused(field: dict[str, Any], message: str) -> None:
@@ -126,6 +127,27 @@ def test_a_message_without_an_observation(name: str, value: object, message: str
 
     with pytest.raises(BadObservation, match=message):
         observation_of(sent)
+
+
+def test_entries_may_stand_in_groups_with_axes_in_front_and_beside_what_never_changes() -> None:
+    declared = Declaration.model_validate(
+        {
+            "observation": {
+                "video": {"front": {"from": "front.rgb", "axes": 2}},
+                "language": {"task": {"from": "instruction", "axes": 2}},
+                "arm": {"from": "joint_positions", "axes": 1},
+                "robot": {"value": "panda"},
+                "rate": {"value": 20},
+            }
+        }
+    ).observation
+
+    seen = told(observation(), declared)
+
+    assert seen["video"]["front"].shape == (1, 1, 128, 128, 3)
+    assert seen["language"] == {"task": [["press the button twice"]]}
+    assert seen["arm"].shape == (1, 7)
+    assert (seen["robot"], seen["rate"]) == ("panda", 20)
 
 
 # --- actions ---
@@ -193,6 +215,21 @@ def test_displacements_with_euler_angles() -> None:
     assert found.chunk[0][3:6] == pytest.approx(TURN.as_rotvec())
 
 
+def test_arrays_are_joined_side_by_side() -> None:
+    declared = ActionMap.model_validate(
+        {"kind": "joint_position", "join": ["arm", "hand"], "axes": 1, "execute": 2}
+    )
+    arm, hand = np.arange(28.0).reshape(1, 4, 7) / 100, np.full((1, 4, 1), 0.5)
+
+    [found] = actions_of({"hand": hand, "arm": arm, "more": 1}, declared)
+
+    assert np.array(found["chunk"]) == pytest.approx(np.hstack([arm[0], hand[0]])[:2])
+    with pytest.raises(InvalidAction, match="no 'hand'; it has arm"):
+        actions_of({"arm": arm}, declared)
+    with pytest.raises(InvalidAction, match=r"'arm' has shape \(4, 7\); expected \(1,\) and"):
+        actions_of({"arm": arm[0], "hand": hand}, declared)
+
+
 def test_the_number_of_rows_is_held_to_if_it_was_declared() -> None:
     rows = np.zeros((8, 8))
     declared = ActionMap(kind="joint_position", rows=10, execute=5)
@@ -214,6 +251,10 @@ def test_the_number_of_rows_is_held_to_if_it_was_declared() -> None:
         ({"rows": 4, "execute": 5}, "execute 5 of 4 rows"),
         ({"rows": 201}, "less than or equal to 200"),
         ({"open": float("nan")}, "finite number"),
+        ({"kind": "keyframe", "join": ["pose"]}, "join names two arrays or more"),
+        ({"kind": "keyframe", "join": ["pose", "grip"], "key": "x"}, "there is no key"),
+        ({"join": ["pose", "grip"]}, "of rows"),
+        ({"axes": 1}, "our own form has no axes"),
     ],
 )
 def test_an_action_that_fits_nothing_is_refused(declared: dict[str, Any], message: str) -> None:

@@ -14,11 +14,12 @@ import numpy as np
 import pytest
 
 from hide_tasks.contract import Failure, InvalidAction, PolicyFailure, parse_action
-from tests.workers.remote.peers import JOINTS, STATE, answering, raw, target, websocket
+from tests.workers.remote.peers import JOINTS, STATE, answering, brief, raw, target, websocket
 from tests.workers.test_policy_process import ended, observation, pid
-from workers.remote import arrays, egress, openpi
+from workers.remote import arrays, client, egress
+from workers.remote.client import BadServer, PeerError
 from workers.remote.maps import Declaration
-from workers.remote.openpi import BadServer, OpenpiPolicy, PeerError
+from workers.remote.openpi import OpenpiPolicy
 from workers.remote.target import About, Unreachable, process_of
 
 ROWS = np.tile(np.arange(8.0), (3, 1)) / 10  # the opening is 0.7
@@ -230,6 +231,7 @@ def array(dtype: str, shape: object = (8,), data: bytes = bytes(64)) -> bytes:
         ({"actions": np.full((1, 8), np.nan)}, "holds NaN or infinite"),
         ({"actions": np.full((1, 8), np.inf, np.float32)}, "holds NaN or infinite"),
     ],
+    ids=brief,
 )
 def test_an_answer_that_is_none_is_named(reply, message: str) -> None:
     with answering(lambda _: reply) as url, pytest.raises(InvalidAction, match=message):
@@ -390,7 +392,7 @@ def test_no_proxy_is_used(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_a_server_that_says_nothing_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(openpi, "CONNECT_LIMIT", 0.3)
+    monkeypatch.setattr(client, "CONNECT_LIMIT", 0.3)
     for silent in (
         lambda connection: connection.recv(65536) and connection.recv(65536),  # no handshake
         lambda connection: silent_after_handshake(connection),

@@ -23,9 +23,10 @@ from tests.workers.test_policy_process import POLICIES
 from workers.policies import Hosted, Surroundings
 from workers.protocol import RemotePolicy
 from workers.remote import arrays, serving
+from workers.remote.client import BadServer, PeerError
 from workers.remote.maps import Declaration, everything
 from workers.remote.observations import told
-from workers.remote.openpi import BadServer, OpenpiPolicy, PeerError
+from workers.remote.openpi import OpenpiPolicy
 from workers.remote.serving import PolicyServer
 from workers.remote.target import About, Target
 
