@@ -15,6 +15,7 @@ from server.guard import Guard
 from server.hub import Hub
 from server.routes import (
     catalogue,
+    cluster,
     episodes,
     evaluations,
     health,
@@ -94,6 +95,6 @@ def _described(app: FastAPI) -> dict[str, Any]:
 
 def _api() -> APIRouter:
     api = APIRouter()
-    for routes in (catalogue, policies, uploads, evaluations, episodes, people, health):
+    for routes in (catalogue, policies, uploads, evaluations, episodes, people, health, cluster):
         api.include_router(routes.router)
     return api

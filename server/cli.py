@@ -15,7 +15,7 @@ from typing import Annotated, Any
 import typer
 from typer import Argument, Option
 
-from server import people_commands
+from server import cluster_commands, people_commands
 from server.arguments import BadUsage, chosen_tasks, episode_count, new_folder, settings_of
 
 BAD_USAGE = 2
@@ -67,6 +67,8 @@ AsJson = Annotated[bool, Option("--json", help="Print JSON instead of a table.")
 
 app.add_typer(people_commands.user, name="user")
 app.add_typer(people_commands.token, name="token")
+app.command()(cluster_commands.worker)
+app.command()(cluster_commands.scheduler)
 
 
 @app.callback(invoke_without_command=True)
@@ -227,6 +229,14 @@ def serve(
     data: Annotated[
         Path | None, Option(help="The folder of ledger, recordings and logs. Default: data")
     ] = None,
+    database: Annotated[
+        str | None,
+        Option(
+            metavar="URL",
+            help="postgresql+psycopg://user@host/name: the ledger is there, not in the folder. "
+            "With a password in it, say it as HIDE_SERVER_DATABASE.",
+        ),
+    ] = None,
     host: Annotated[str | None, Option(help="An address of this machine.")] = None,
     port: Annotated[
         int | None, Option(min=0, max=65535, help="Default: 8000; 0: any that is free.")
@@ -274,12 +284,21 @@ def serve(
         ),
     ] = None,
     sandbox: SandboxOption = None,
+    scheduler: Annotated[
+        str | None,
+        Option(
+            metavar="URL",
+            help="tls://host:port, where hide scheduler runs: hide workers of other machines "
+            "play, and none of this one.",
+        ),
+    ] = None,
 ) -> None:
     """Run the evaluation server: pages, API and workers. HIDE_SERVER_… variables are read too."""
     from server.serve import serve as run_server
 
     given: dict[str, Any] = {
         "data": data,
+        "database": database,
         "host": host,
         "port": port,
         "workers": workers,
@@ -290,6 +309,7 @@ def serve(
         "allow_remote": allow_remote or None,
         "references": references,
         "sandbox": sandbox,
+        "scheduler": scheduler,
     }
     logging.basicConfig(format="%(asctime)s %(levelname)s %(message)s")
     settings = settings_of(given)
