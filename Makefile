@@ -47,7 +47,7 @@ clean: ## Remove everything that setup, checks and tests leave behind
 	@echo 'Installing into .venv; the first time this takes a few minutes.'
 	$(PYTHON) -m venv .venv
 	$(BIN)/pip install $(PIP) hatchling
-	$(BIN)/pip install $(PIP) --no-build-isolation -e '.[seek,dev]'
+	$(BIN)/pip install $(PIP) --no-build-isolation -e '.[seek,dask,postgres,dev]'
 	@touch $@
 
 # Kernels are compiled before several processes want them at the same time.

@@ -27,6 +27,7 @@ class Scope(StrEnum):
     SUBMIT = "submit"  # hand in policies, ask for evaluations, stop one's own
     MAINTAIN = "maintain"  # stop others' evaluations, let some go first
     ADMIN = "admin"  # users, quotas, the audit log
+    WORK = "worker"  # join the cluster, which runs whatever its members send each other
 
 
 class Gate(StrEnum):
@@ -51,6 +52,8 @@ class Role(StrEnum):
     @property
     def scopes(self) -> frozenset[Scope]:
         """Everything that the role allows."""
+        if self is Role.ADMIN:
+            return frozenset(Scope)
         return frozenset(list(Scope)[: list(Role).index(self) + 1])
 
 

@@ -17,6 +17,7 @@ from server.metrics import RequestTimes
 from server.routes import (
     batches,
     catalogue,
+    cluster,
     episodes,
     evaluations,
     exports,
@@ -123,6 +124,7 @@ def _api() -> APIRouter:
         people,
         webhooks,
         health,
+        cluster,
     ):
         api.include_router(routes.router)
     return api

@@ -16,7 +16,7 @@ from hashlib import sha256 as new_digest
 from pathlib import Path
 
 from server.blobs import PART, Blobs, sync_folder
-from server.data_folder import LEDGER
+from server.settings import LEDGER
 from server.db import LedgerError, examine, revision_of, untouched
 from server.keeping import files_stay
 from server.models import now

@@ -14,7 +14,7 @@ from typing import Annotated, Any
 import typer
 from typer import Argument, Option
 
-from server import client_commands, data_commands, people_commands
+from server import client_commands, cluster_commands, data_commands, people_commands
 from server.arguments import BadUsage, chosen_tasks, episode_count, new_folder, settings_of
 
 BAD_USAGE = 2
@@ -68,6 +68,8 @@ app.add_typer(people_commands.user, name="user")
 app.add_typer(people_commands.token, name="token")
 for of_a_server in (client_commands.submit, client_commands.watch, client_commands.export):
     app.command()(of_a_server)
+app.command()(cluster_commands.worker)
+app.command()(cluster_commands.scheduler)
 
 
 @app.callback(invoke_without_command=True)
@@ -230,6 +232,14 @@ def serve(
     data: Annotated[
         Path | None, Option(help="The folder of ledger, recordings and logs. Default: data")
     ] = None,
+    database: Annotated[
+        str | None,
+        Option(
+            metavar="URL",
+            help="postgresql+psycopg://user@host/name: the ledger is there, not in the folder. "
+            "With a password in it, say it as HIDE_SERVER_DATABASE.",
+        ),
+    ] = None,
     host: Annotated[str | None, Option(help="An address of this machine.")] = None,
     port: Annotated[
         int | None, Option(min=0, max=65535, help="Default: 8000; 0: any that is free.")
@@ -277,6 +287,14 @@ def serve(
         ),
     ] = None,
     sandbox: SandboxOption = None,
+    scheduler: Annotated[
+        str | None,
+        Option(
+            metavar="URL",
+            help="tls://host:port, where hide scheduler runs: hide workers of other machines "
+            "play, and none of this one.",
+        ),
+    ] = None,
 ) -> None:
     """Run the evaluation server: pages, API and workers. HIDE_SERVER_… variables are read too."""
     from server import logs
@@ -284,6 +302,7 @@ def serve(
 
     given: dict[str, Any] = {
         "data": data,
+        "database": database,
         "host": host,
         "port": port,
         "workers": workers,
@@ -294,6 +313,7 @@ def serve(
         "allow_remote": allow_remote or None,
         "references": references,
         "sandbox": sandbox,
+        "scheduler": scheduler,
     }
     settings = settings_of(given)
     run_server(settings, logs.configure(settings.log_format, settings.log_level))

@@ -5,8 +5,8 @@ import os
 from pathlib import Path
 
 from server.db import LedgerError, examine
+from server.settings import LEDGER
 
-LEDGER = "ledger.sqlite3"
 LOCK = ".lock"
 FOLDERS = ("blobs", "growing", "logs", "uploads")
 

@@ -1,7 +1,8 @@
-"""The ledger's database file: opened, brought up to date, read from and written to.
+"""The ledger's database: opened, brought up to date, read from and written to.
 
-SQLite in WAL mode. A transaction that writes begins IMMEDIATE: one that reads first and then
-writes is refused by SQLite when another wrote in between, whatever the busy time-out is.
+SQLite in WAL mode, unless it is PostgreSQL (server/postgres.py). A transaction that writes begins
+IMMEDIATE: one that reads first and then writes is refused by SQLite when another wrote in between,
+whatever the busy time-out is.
 """
 
 import importlib.util
@@ -19,6 +20,8 @@ from sqlalchemy import Connection, Engine, create_engine, event
 from sqlalchemy.exc import DBAPIError
 from sqlalchemy.orm import Session
 
+from server import postgres
+
 BUSY_TIMEOUT = 30.0  # s to wait for another writer
 PRAGMAS = (
     "journal_mode = WAL",
@@ -35,29 +38,39 @@ class LedgerError(Exception):
 class Database:
     """An open ledger.
 
+    Args:
+        place: SQLite's file, or the address of a PostgreSQL database.
+
     Raises:
-        LedgerError: the file is corrupt, another program's, of a newer version, or not writable.
+        LedgerError: it is corrupt, another program's, of a newer version, or not writable.
     """
 
-    def __init__(self, path: Path):
-        self.path = path
+    def __init__(self, place: Path | str):
         self.after_commit: Callable[[], None] = lambda: None  # told of every committed write
-        examine(path)
-        self.engine = _engine(path)
-        self._writing = self.engine.execution_options(writes=True)
+        self.engine = _opened(place)
+        self._reading, self._writing = self.engine, self.engine.execution_options(writes=True)
+        if is_postgres(self.engine):
+            self._reading = self.engine.execution_options(**postgres.READING)
+        self._claim: postgres.Claim | None = None
         try:
             migrate(self.engine)
         except DBAPIError as error:
             self.engine.dispose()
-            raise LedgerError(_unusable(path, str(error.orig))) from None
+            where = self.engine.url.database if isinstance(place, Path) else "The database"
+            raise LedgerError(_unusable(str(where), str(error.orig))) from None
         except BaseException:
             self.engine.dispose()
             raise
 
+    @property
+    def path(self) -> Path:
+        """SQLite's file."""
+        return Path(self.engine.url.database or "")
+
     @contextmanager
     def reading(self) -> Iterator[Session]:
         """A session on one consistent state of the ledger."""
-        with Session(self.engine) as session:
+        with Session(self._reading) as session:
             yield session
 
     @contextmanager
@@ -67,15 +80,53 @@ class Database:
             yield session
         self.after_commit()
 
+    def claim(self) -> None:
+        """Keeps other servers from this ledger; of a file, its folder's lock does.
+
+        Raises:
+            LedgerError: another server has it.
+        """
+        if not is_postgres(self.engine):
+            return
+        try:
+            if self._claim is None:
+                self._claim = postgres.Claim(self.engine)
+            self._claim.keep()
+        except postgres.Unusable as error:
+            raise LedgerError(str(error)) from None
+
     def close(self) -> None:
-        """Let go of the file."""
+        """Let go of the database."""
+        if self._claim:
+            self._claim.drop()
         self.engine.dispose()
 
 
-def _unusable(path: Path, fault: str) -> str:
+def _unusable(where: str, fault: str) -> str:
     if "locked" in fault or "readonly" in fault or "disk" in fault:
-        return f"{path} cannot be written: {fault}."
-    return f"{path} cannot be brought up to date, and was left as it was: {fault}."
+        return f"{where} cannot be written: {fault}."
+    return f"{where} cannot be brought up to date, and was left as it was: {fault}."
+
+
+def is_postgres(engine: Engine | Connection) -> bool:
+    """True unless it is SQLite."""
+    return engine.dialect.name == "postgresql"
+
+
+def _opened(place: Path | str) -> Engine:
+    if isinstance(place, Path):
+        examine(place)
+        return _engine(place)
+    try:
+        engine = postgres.engine_of(postgres.parsed(place))
+        try:
+            postgres.examine(engine, known_revisions())
+        except BaseException:
+            engine.dispose()
+            raise
+    except postgres.Unusable as error:
+        raise LedgerError(str(error)) from None
+    return engine
 
 
 def _engine(path: Path) -> Engine:
@@ -165,5 +216,7 @@ def migrate(engine: Engine, revision: str = "head") -> None:
             command.upgrade(migrations(connection), revision)
         except CommandError as error:
             raise LedgerError(str(error)) from None
+    if is_postgres(engine):
+        return
     with closing(engine.raw_connection()) as connection:  # a checkpoint wants no transaction
         connection.cursor().execute("PRAGMA wal_checkpoint(TRUNCATE)")

@@ -3,10 +3,11 @@
 import asyncio
 import logging
 import shutil
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property, partial
 
-from server import credentials, evaluations, first_run, jobs, lifecycle, policies, users
+from server import cluster, credentials, evaluations, first_run, jobs, lifecycle, policies, users
 from server.access import Principal, Role
 from server.bell import Bell
 from server.blobs import Blobs
@@ -20,6 +21,7 @@ from server.retention import Retention, Rule
 from server.settings import EVERY_ADDRESS, Settings
 from server.uploads import Uploads
 from workers.engines.engine import Engine
+from workers.engines.membership import Membership
 from workers.policies import Surroundings
 from workers.sandbox.choice import Sandbox, chosen
 
@@ -49,11 +51,12 @@ class Hub:
         """
         folder = DataFolder(settings.data)
         try:
-            database = Database(folder.ledger)
+            database = Database(settings.ledger if settings.database else folder.ledger)
         except BaseException:
             folder.close()
             raise
         try:
+            database.claim()
             with database.writing() as session:
                 owner = users.register_owner(session).id
         except BaseException:
@@ -80,6 +83,8 @@ class Hub:
         self.metrics = Metrics(self)
         rule = Rule(self.settings.keep_days, self.settings.keep_bytes)
         self.retention = Retention(self.database, self.blobs, rule)
+        scheduler = self.settings.scheduler
+        self.membership = cluster.membership(self.folder.path, scheduler) if scheduler else None
         self.loading = asyncio.Lock()  # of a checkpoint: one takes much memory
 
     @property
@@ -123,32 +128,53 @@ class Hub:
                 first_run.evaluate_references(session)
         self.deliverer.start()
         self.retention.start()
-        if self.settings.workers:
+        if self.membership:
+            self._start_cluster(self.membership)
+        elif self.settings.workers:
             self._start_workers(self.settings.workers)
 
     def _start_workers(self, count: int) -> None:
         from workers.engines.local import LocalEngine
         from workers.supervisor import run_shard
 
-        self.engine = LocalEngine(
+        engine = LocalEngine(
             run_shard,
             workers=count,
             log=self.folder.logs / WORKERS_LOG,
             on_ended=self.bell.reconciler.set,
         )
+        self._reconcile(engine, lambda: count, sandbox=self.sandbox)
+
+    def _start_cluster(self, membership: Membership) -> None:
+        from workers.engines.dask import DaskEngine
+        from workers.engines.member import play
+
+        engine = DaskEngine(
+            play,
+            scheduler=membership.scheduler,
+            security=membership.security(),
+            encode=lambda job: job.model_dump(mode="json"),
+            on_ended=self.bell.reconciler.set,
+        )
+        self._reconcile(engine, engine.slots, sandbox=None)
+
+    def _reconcile(
+        self, engine: Engine, slots: Callable[[], int], *, sandbox: Sandbox | None
+    ) -> None:
+        self.engine = engine
         self.reconciler = Reconciler(
             self.database,
-            self.engine,
+            engine,
             self.recordings,
             self.bell,
-            slots=count,
+            slots=slots,
             draft=partial(
                 jobs.draft,
                 store=self.blobs,
                 server=self.address,
                 episode_limit=self.settings.episode_limit,
                 allow_python=self.settings.allow_python,
-                sandbox=self.sandbox,
+                sandbox=sandbox,
                 hidden=(self.folder.path.absolute(),),
                 allow_remote=self.settings.allow_remote,
             ),

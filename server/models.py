@@ -13,6 +13,7 @@ from sqlalchemy import (
     Dialect,
     ForeignKey,
     Index,
+    Integer,
     String,
     TypeDecorator,
     UniqueConstraint,
@@ -361,7 +362,7 @@ class Blob(Base):
 
     __tablename__ = "blobs"
     sha256: Mapped[str] = mapped_column(Digest, primary_key=True)
-    size: Mapped[int]  # bytes
+    size: Mapped[int] = mapped_column(BigInteger().with_variant(Integer, "sqlite"))  # bytes
     media_type: Mapped[str] = mapped_column(Name)
     created: Mapped[datetime] = mapped_column(default=now)
 

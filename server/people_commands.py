@@ -36,6 +36,7 @@ class ScopeName(StrEnum):
     submit = "submit"
     maintain = "maintain"
     admin = "admin"
+    worker = "worker"
 
 
 Data = Annotated[Path | None, Option(help="The server's folder. Default: data")]
@@ -173,14 +174,13 @@ def revoke_token(
 def _ledger(data: Path | None, action: str = "", subject: str = "") -> Iterator["Session"]:
     """The ledger, in one transaction; what is changed enters the audit log."""
     from server import audit, users
-    from server.data_folder import LEDGER
     from server.db import Database, LedgerError
     from server.problems import Problem
 
-    folder = settings_of({"data": data}).data
-    folder.mkdir(parents=True, exist_ok=True)
+    settings = settings_of({"data": data})
+    settings.data.mkdir(parents=True, exist_ok=True)
     try:
-        database = Database(folder / LEDGER)
+        database = Database(settings.ledger)
     except LedgerError as error:
         raise BadUsage(str(error)) from None
     try:

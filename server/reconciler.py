@@ -24,7 +24,7 @@ class Reconciler:
     """Compares ledger and engine, again and again.
 
     Args:
-        slots: shards that run at a time; as many again are kept at hand.
+        slots: how many shards run at a time, now; as many again are kept at hand.
         draft: the job of a shard, attempt and token apart; raises ValueError if it has none.
         may_hand_out: asked before work is handed out; false while the disk is full.
     """
@@ -36,7 +36,7 @@ class Reconciler:
         recordings: GrowingRecordings,
         bell: Bell,
         *,
-        slots: int,
+        slots: Callable[[], int],
         draft: Callable[[Session, Shard], ShardJob],
         may_hand_out: Callable[[], bool] = lambda: True,
     ):
@@ -76,6 +76,7 @@ class Reconciler:
 
     def look(self) -> None:
         """One comparison; afterwards both sides agree."""
+        self.database.claim()
         present = self.engine.inventory()  # before ended(): what ends in between is in both
         self._ended |= {one.key: one for one in self.engine.ended()}
         self._end(present, self._ended)
@@ -123,7 +124,7 @@ class Reconciler:
     # --- what is next ---
 
     def _hand_out(self) -> None:
-        while len(self.engine.inventory()) < 2 * self.slots and not self._stopping.is_set():
+        while len(self.engine.inventory()) < 2 * self.slots() and not self._stopping.is_set():
             if not self._waiting() or not self.may_hand_out():
                 return
             with self.database.writing() as session:

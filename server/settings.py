@@ -4,12 +4,13 @@ from pathlib import Path
 from typing import Annotated, Literal
 from urllib.parse import urlsplit
 
-from pydantic import AfterValidator, Field
+from pydantic import AfterValidator, Field, SecretStr
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
 from workers.evaluation import count_cpus
 from workers.sandbox.choice import BEST
 
+LEDGER = "ledger.sqlite3"
 LOOPBACK = ("127.0.0.1", "localhost", "::1")
 EVERY_ADDRESS = ("0.0.0.0", "::")
 Rate = Annotated[str, Field(pattern=r"^[1-9]\d{0,8}/(second|minute|hour|day)$")]
@@ -33,9 +34,13 @@ class Settings(BaseSettings):
     model_config = SettingsConfigDict(env_prefix="HIDE_SERVER_", frozen=True)
 
     data: Path = Path("data")  # the ledger, recordings and logs
+    # postgresql+psycopg://…, where the ledger is instead; a secret, for it may hold a password
+    database: SecretStr | None = None
     host: str = "127.0.0.1"
     port: Annotated[int, Field(ge=0, le=65535)] = 8000  # 0: any that is free
     workers: Annotated[int, Field(ge=0, le=256)] = Field(default_factory=count_cpus)
+    # tls://…, where machines of a cluster reach its scheduler; they play instead of this one
+    scheduler: Annotated[str, Field(pattern=r"^tls://[^/\s]+:\d+$")] | None = None
     allow_python: bool = False  # may a client name a Python class of this machine as a policy?
     sandbox: str = BEST  # around the process of a policy: best, bubblewrap, landlock or none
     # hosts, host:port and networks where a remote policy may be besides the internet over TLS
@@ -63,6 +68,11 @@ class Settings(BaseSettings):
     rate: Rate = "1200/minute"  # requests of one user
     rate_unknown: Rate = "120/minute"  # requests of one address without a user
     rate_sign_in: Rate = "10/minute"  # tries to sign in, of one address and at one name
+
+    @property
+    def ledger(self) -> Path | str:
+        """Where the ledger is: a file of the data folder, or the address of a database."""
+        return self.database.get_secret_value() if self.database else self.data / LEDGER
 
     @property
     def hosts(self) -> frozenset[str]:

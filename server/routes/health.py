@@ -30,6 +30,8 @@ def is_ready(hub: TheHub, session: Reading, response: Response) -> Health:
     checks = {"ledger": "ok", "disk": "ok" if hub.has_room() else "full: nothing is handed out"}
     if hub.reconciler:
         checks["reconciler"] = hub.reconciler.fault or "ok"
+    if hub.membership:
+        checks["cluster"] = getattr(hub.engine, "fault", None) or "ok"
     good = all(found == "ok" for found in checks.values())
     response.status_code = 200 if good else 503
     return Health(

@@ -7,6 +7,15 @@ import pytest
 
 from tests.server import ledgers
 from tests.server.clients import TestClient, client, hub_of
+from tests.server.postgres import needs_postgres
+
+
+@pytest.fixture(scope="module", params=["sqlite", pytest.param("postgresql", marks=needs_postgres)])
+def on_each_database(request: pytest.FixtureRequest) -> Iterator[str]:
+    """What is asked of the ledger holds in SQLite and in PostgreSQL: `ledgers.opened` obeys."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(ledgers, "kind", request.param)
+        yield request.param
 
 
 @pytest.fixture(scope="module")

@@ -1,6 +1,7 @@
 """Ledgers for tests: real databases, filled by the server's own functions, without a simulator."""
 
 import base64
+import hashlib
 import io
 from collections.abc import Callable
 from functools import cache
@@ -43,9 +44,35 @@ Outcome = Failure | None  # of an episode; None: exact
 Outcomes = Callable[[EpisodeSpec], Outcome]
 
 
-def opened(folder: Path) -> Database:
+KINDS = ("sqlite", "postgresql")
+kind = "sqlite"  # of the ledgers that are opened; tests/server/conftest.py changes it
+
+
+def opened(folder: Path, in_what: str = "") -> Database:
     """A new ledger with the built-in policies, or the one that is there."""
-    return Database(laid(folder))
+    sqlite = (in_what or kind) == "sqlite"
+    return Database(laid(folder) if sqlite else laid_in_postgres(folder))
+
+
+def laid_in_postgres(folder: Path) -> str:
+    """The address of a database for this folder, which is a new ledger unless it is there."""
+    from tests.server import postgres
+
+    name = f"of_{hashlib.sha256(str(folder).encode()).hexdigest()[:32]}"
+    if postgres.exists(name):
+        return postgres.address(name)
+    return postgres.create(name, template=_new_postgres_ledger())
+
+
+@cache
+def _new_postgres_ledger() -> str:
+    from tests.server import postgres
+
+    database = Database(postgres.create("new_ledger"))
+    with database.writing() as session:
+        policies.register_builtin(session)
+    database.close()
+    return "new_ledger"
 
 
 def laid(folder: Path) -> Path:

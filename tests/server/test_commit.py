@@ -20,6 +20,8 @@ from tests.server import ledgers
 from workers.protocol import EpisodeCommit, HiddenChange, measured_digest
 from workers.sandbox.choice import Sandbox
 
+pytestmark = pytest.mark.usefixtures("on_each_database")
+
 
 class Ledger(NamedTuple):
     """A ledger with one shard handed out, and its first episode begun."""

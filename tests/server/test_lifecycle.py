@@ -1,5 +1,6 @@
 """The life of an evaluation in the ledger: planned, handed out, lost, tried again, ended."""
 
+import threading
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
@@ -20,6 +21,7 @@ from server.problems import Problem
 from tests.server import ledgers
 from workers.protocol import SHARD_SIZE
 
+pytestmark = pytest.mark.usefixtures("on_each_database")
 TASK = "search_drawer"
 
 
@@ -166,7 +168,31 @@ def test_a_token_is_kept_nowhere(database: Database) -> None:
         attempt, token = lifecycle.lease(session, shard, engine="local")
 
         assert attempt.token_hash == lifecycle.hash_token(token)
-    assert token.encode() not in database.path.read_bytes()
+        columns = session.execute(select(*Attempt.__table__.columns)).one()
+    assert token not in map(str, columns)
+    if database.engine.dialect.name == "sqlite":
+        assert token.encode() not in database.path.read_bytes()
+
+
+def test_each_shard_is_leased_once_however_many_ask(database: Database) -> None:
+    with database.writing() as session:
+        ledgers.created(session, tasks=[TASK, "reopen_drawer"], episodes=25)
+    leased: list[str] = []
+
+    def ask() -> None:
+        while True:
+            with database.writing() as session:
+                if (found := ledgers.leased(session)) is None:
+                    return
+                leased.append(found[1].id)
+
+    threads = [threading.Thread(target=ask) for _ in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+
+    assert len(leased) == len(set(leased)) == 10
 
 
 # --- end ---

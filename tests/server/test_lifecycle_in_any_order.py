@@ -4,6 +4,7 @@ from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 
+import pytest
 from hypothesis import Phase, settings
 from hypothesis.stateful import (
     Bundle,
@@ -264,6 +265,7 @@ class Life(RuleBasedStateMachine):
         self.the_evaluation_has_ended_exactly_if_no_shard_is_open()
 
 
+@pytest.mark.usefixtures("on_each_database")
 def test_the_laws_hold_in_any_order(tmp_path: Path) -> None:
     Life.database, Life.store = ledgers.opened(tmp_path), Blobs(tmp_path / "blobs")
 

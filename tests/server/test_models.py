@@ -13,12 +13,14 @@ from server.commit import commit
 from server.models import Attempt, Base, EpisodeLabel, new_id
 from tests.server import ledgers
 
+pytestmark = pytest.mark.usefixtures("on_each_database")
+
 
 @pytest.fixture(scope="module")
-def ledger(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Connection]:
+def ledger(on_each_database: str, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Connection]:
     """A final episode with an alarm, and a leased shard with an episode that runs."""
     folder = tmp_path_factory.mktemp("models")
-    database, store = ledgers.opened(folder), Blobs(folder / "blobs")
+    database, store = ledgers.opened(folder, on_each_database), Blobs(folder / "blobs")
     id = ledgers.evaluated(database, store, tasks=["search_drawer"], episodes=1)
     with database.writing() as session:
         [episode] = ledgers.episodes_of(session, id)
@@ -52,11 +54,14 @@ LEASED = "(SELECT id FROM shards WHERE state = 'leased')"
 @pytest.mark.parametrize(
     ("statement", "message"),
     [
-        ("UPDATE episodes SET success = 0 WHERE state = 'final'", "a final episode is immutable"),
+        (
+            "UPDATE episodes SET success = FALSE WHERE state = 'final'",
+            "a final episode is immutable",
+        ),
         ("UPDATE episodes SET detail = 'x' WHERE state = 'final'", "a final episode is immutable"),
         ("UPDATE episodes SET thumbnail = NULL", "a final episode is immutable"),
         ("DELETE FROM episodes WHERE state = 'final'", "a final episode is immutable"),
-        ("UPDATE decisions SET success = 0", "decisions are immutable"),
+        ("UPDATE decisions SET success = FALSE", "decisions are immutable"),
         ("DELETE FROM decisions", "decisions are immutable"),
         ("UPDATE hidden_changes SET time = 0", "hidden states are immutable"),
         ("DELETE FROM hidden_changes", "hidden states are immutable"),
@@ -109,6 +114,8 @@ def test_a_row_is_not_replaced_by_another_with_its_key(
     connection: Connection, table: str, message: str
 ) -> None:
     """INSERT OR REPLACE deletes what is in its way, and by default tells no trigger."""
+    if connection.dialect.name != "sqlite":
+        pytest.skip("PostgreSQL has no such statement")
     columns = connection.execute(text(f"SELECT * FROM {table}")).keys()
     first = {"episodes": "'pending'", "attempts": "'open'"}
     plain = {"digest", "success", "exact", "committed"} if table == "episodes" else set()
@@ -127,23 +134,24 @@ def test_a_row_is_not_replaced_by_another_with_its_key(
     ("statement", "message"),
     [
         (f"UPDATE episodes SET state = 'final' WHERE id = {RUNNING}", "final_is_whole"),
-        (f"UPDATE episodes SET digest = 'd', success = 1, exact = 1, committed = '2026-01-01' "
+        ("UPDATE episodes SET digest = 'd', success = TRUE, exact = TRUE, committed = '2026-01-01' "
          f"WHERE id = {RUNNING}", "final_is_whole"),
-        (f"UPDATE episodes SET exact = 1, failure = 'overcount' WHERE id = {RUNNING}",
+        (f"UPDATE episodes SET exact = TRUE, failure = 'overcount' WHERE id = {RUNNING}",
          "exact_has_no_failure"),
-        (f"UPDATE episodes SET exact = 0 WHERE id = {RUNNING}", "exact_has_no_failure"),
+        (f"UPDATE episodes SET exact = FALSE WHERE id = {RUNNING}", "exact_has_no_failure"),
         ("INSERT INTO attempts (id, shard_id, fence, engine, state, token_hash, leased) "
          f"VALUES ('at_2', {LEASED}, 2, 'local', 'open', '', '2026-01-01')",
-         "attempts.shard_id"),
+         "attempts.shard_id|one_open_attempt"),
         ("INSERT INTO attempts (id, shard_id, fence, engine, state, token_hash, leased) "
          "SELECT 'at_2', shard_id, 1, 'local', 'open', '', '2026-01-01' "
-         "FROM attempts WHERE state = 'done'", "attempts.shard_id, attempts.fence"),
-        (f"UPDATE episodes SET recording = 'ab' WHERE id = {RUNNING}", "FOREIGN KEY"),
-        ("DELETE FROM shards", "FOREIGN KEY"),
-        ("DELETE FROM evaluations", "FOREIGN KEY"),
-        ("DELETE FROM policies", "FOREIGN KEY"),
+         "FROM attempts WHERE state = 'done'",
+         "attempts.shard_id, attempts.fence|shard_id_fence_key"),
+        (f"UPDATE episodes SET recording = 'ab' WHERE id = {RUNNING}", "FOREIGN KEY|foreign key"),
+        ("DELETE FROM shards", "FOREIGN KEY|foreign key"),
+        ("DELETE FROM evaluations", "FOREIGN KEY|foreign key"),
+        ("DELETE FROM policies", "FOREIGN KEY|foreign key"),
         ("INSERT INTO policies (id, name, created) SELECT 'po_2', name, created FROM policies",
-         "policies.name"),
+         "policies.name|policies_name_key"),
     ],
 )  # fmt: skip
 def test_what_the_tables_refuse(connection: Connection, statement: str, message: str) -> None:

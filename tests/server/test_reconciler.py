@@ -65,7 +65,13 @@ def parts(
     recordings = GrowingRecordings(folder / "growing")
     recordings.clear()
     reconciler = Reconciler(
-        database, engine, recordings, Bell(), slots=1, draft=draft, may_hand_out=may_hand_out
+        database,
+        engine,
+        recordings,
+        Bell(),
+        slots=lambda: 1,
+        draft=draft,
+        may_hand_out=may_hand_out,
     )
     try:
         yield Parts(reconciler, database, engine)

@@ -11,21 +11,23 @@ from sqlalchemy.exc import IntegrityError
 from server.states import MOVES, AttemptState, EpisodeState, EvaluationState, ShardState
 from tests.server import ledgers
 
+pytestmark = pytest.mark.usefixtures("on_each_database")
+
 TABLES: dict[type[StrEnum], str] = {
     EvaluationState: "evaluations",
     ShardState: "shards",
     AttemptState: "attempts",
     EpisodeState: "episodes",
 }
-VERDICT = ", digest = 'd', success = 1, exact = 1, committed = '2026-01-01 00:00:00'"
+VERDICT = ", digest = 'd', success = TRUE, exact = TRUE, committed = '2026-01-01 00:00:00'"
 PAIRS = [(kind, old, new) for kind in MOVES for old, new in permutations(MOVES[kind], 2)]
 STATES = [(kind, state) for kind in MOVES for state in MOVES[kind]]
 
 
 @pytest.fixture(scope="module")
-def ledger(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Connection]:
+def ledger(on_each_database: str, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Connection]:
     """A ledger in which every table with states has one row, in its first state."""
-    database = ledgers.opened(tmp_path_factory.mktemp("states"))
+    database = ledgers.opened(tmp_path_factory.mktemp("states"), on_each_database)
     with database.writing() as session:
         ledgers.created(session, tasks=["search_drawer"], episodes=1)
     with database.engine.execution_options(writes=True).connect() as connection:
@@ -103,6 +105,6 @@ def test_a_row_begins_in_the_first_state(
     copy = text(f"INSERT INTO {table} SELECT {values} FROM {table}")
 
     first = state == next(iter(MOVES[kind]))
-    message = "UNIQUE" if first else f"{table} begin as"
+    message = "UNIQUE|unique" if first else f"{table} begin as"
     with pytest.raises(IntegrityError, match=message):
         connection.execute(copy, {"state": state})
