@@ -16,11 +16,11 @@ from hashlib import sha256 as new_digest
 from pathlib import Path
 
 from server.blobs import PART, Blobs, sync_folder
-from server.settings import LEDGER
 from server.db import LedgerError, examine, revision_of, untouched
 from server.keeping import files_stay
 from server.models import now
 from server.read_only import ReadOnlyFolder
+from server.settings import LEDGER
 from workers.policies import hash_of_file
 
 MANIFEST = "backup.json"

@@ -178,8 +178,8 @@ def prune(
     """
     from server import retention
     from server.blobs import Blobs
-    from server.data_folder import LEDGER
     from server.db import Database, LedgerError
+    from server.settings import LEDGER
 
     settings = settings_of({"data": data})
     rule = _rule(older_than, above, (settings.keep_days, settings.keep_bytes))

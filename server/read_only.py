@@ -10,8 +10,9 @@ from pathlib import Path
 from sqlalchemy import Connection, Engine, NullPool, create_engine, event
 
 from server.blobs import Blobs
-from server.data_folder import LEDGER, LOCK, DataFolderError
+from server.data_folder import LOCK, DataFolderError
 from server.db import LedgerError, examine, known_revisions, revision_of, untouched
+from server.settings import LEDGER
 
 BUSY_TIMEOUT = 30.0  # s
 

@@ -174,7 +174,9 @@ def collect(session: Session) -> None:
         ).all()
         for event, evaluation in found:
             kind = kind_of(event)
-            if kind in hook.events and (hook.everybodys or evaluation.owner_id == hook.owner_id):
+            if kind is None or kind not in hook.events:
+                continue
+            if hook.everybodys or evaluation.owner_id == hook.owner_id:
                 data = _data(event, evaluation)
                 add(session, hook, kind, data, time=event.time, event=event.seq)
         hook.after = found[-1][0].seq if len(found) == AT_ONCE else last

@@ -14,9 +14,9 @@ import pytest
 from sqlalchemy import create_engine
 from sqlalchemy.exc import IntegrityError
 
-from server.data_folder import LEDGER
 from server.db import Database, LedgerError, known_revisions, migrate
 from server.read_only import ReadOnlyFolder
+from server.settings import LEDGER
 from server.verification.ledger import Verifier
 from tests.migrations.test_migrations import execute
 from tests.server.clients import API, TestClient, client

@@ -29,10 +29,10 @@ from server import checkpoints, evaluations, lifecycle, policies
 from server.blobs import Blobs
 from server.checkpoints import Received
 from server.commit import commit
-from server.data_folder import LEDGER
 from server.db import Database
 from server.models import Attempt, Episode, Evaluation, Shard
 from server.schemas import EvaluationCreate
+from server.settings import LEDGER
 from workers.protocol import (
     EpisodeCommit,
     HiddenChange,

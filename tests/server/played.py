@@ -10,9 +10,9 @@ from hide_tasks.contract import EpisodeSpec
 from server import lifecycle
 from server.blobs import Blobs
 from server.commit import commit
-from server.data_folder import LEDGER
 from server.db import Database
 from server.models import Attempt, Shard
+from server.settings import LEDGER
 from tests.server import ledgers
 from workers.hidden_trace import HiddenTrace
 from workers.policies import BuiltIn

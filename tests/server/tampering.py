@@ -7,7 +7,7 @@ from contextlib import closing
 from pathlib import Path
 from typing import Any
 
-from server.data_folder import LEDGER
+from server.settings import LEDGER
 from server.verification.episodes import CHANGE, DECISION, RESULT
 from workers.protocol import digest_of_documents
 

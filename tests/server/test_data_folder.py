@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from server.data_folder import FOLDERS, LEDGER, DataFolder, DataFolderError
+from server.data_folder import FOLDERS, DataFolder, DataFolderError
 from server.hub import Hub
-from server.settings import Settings
+from server.settings import LEDGER, Settings
 from tests.server.clients import client
 
 

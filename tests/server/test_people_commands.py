@@ -7,9 +7,9 @@ import pytest
 
 from server import credentials, users
 from server.access import Scope
-from server.data_folder import LEDGER
 from server.db import Database
 from server.models import AuditEntry
+from server.settings import LEDGER
 from tests.server.clients import API
 from tests.server.people import PASSWORD, application, signed_in, visitor
 from tests.server.test_cli import hide
