@@ -142,7 +142,7 @@ class Client:
 
     def policies(self) -> list[PolicyVersionPublic]:
         """Every version of every policy."""
-        return self._get(list[PolicyVersionPublic], "/policies")
+        return list(self._pages(Page[PolicyVersionPublic], "/policies", {}))
 
     def policy(self, name: str) -> PolicyVersionPublic:
         """One version, by id, name (the newest) or name@version."""
@@ -202,7 +202,8 @@ class Client:
 
     def attempts(self, evaluation: str) -> list[AttemptPublic]:
         """Every try at one of its shards, the newest first."""
-        return self._get(list[AttemptPublic], f"/evaluations/{_part(evaluation)}/attempts")
+        path = f"/evaluations/{_part(evaluation)}/attempts"
+        return list(self._pages(Page[AttemptPublic], path, {}))
 
     def failures(self, evaluation: str) -> list[FailureGroup]:
         """How many of its episodes failed in which way."""

@@ -109,7 +109,7 @@ def _made(client: Client, path: str, source: Source) -> PolicyVersionPublic:
 
 
 def _known(client: Client, source: Source) -> PolicyVersionPublic | None:
-    for one in reversed(client.policies()):
+    for one in client.policies():
         if one.policy == source.name and getattr(one.spec, "sha256", None) == source.sha256:
             return one
     return None
