@@ -146,5 +146,5 @@ class Reconciler:
         except ValueError as error:
             lifecycle.fail_shard(session, shard, str(error))
             return None
-        attempt, token = lifecycle.lease(session, shard, engine="local")
+        attempt, token = lifecycle.lease(session, shard, engine=self.engine.name)
         return draft.model_copy(update={"attempt": attempt.id, "token": token})

@@ -37,7 +37,7 @@ def is_ready(hub: TheHub, session: Reading, response: Response) -> Health:
     return Health(
         status="ok" if good else "degraded",
         checks=checks,
-        workers=hub.settings.workers,
+        workers=hub.reconciler.slots() if hub.reconciler else 0,
         sandbox=hub.sandbox,
         running=session.scalar(running) or 0,
         queued=session.scalar(queued) or 0,

@@ -43,6 +43,8 @@ class DaskEngine:
         on_ended: called, in the engine's thread, when `ended` has something new.
     """
 
+    name = "dask"
+
     def __init__(
         self,
         function: Callable[[Any], None],

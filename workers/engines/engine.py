@@ -23,7 +23,12 @@ class Engine(Protocol):
 
     Every method may be called from any thread. An engine that was given `on_ended` calls it, from
     a thread of its own, whenever there is something new in `ended`.
+
+    Attributes:
+        name: as attempts are marked that it runs.
     """
+
+    name: str
 
     def submit(self, key: str, job: Any, limit: float) -> None:
         """Queue a job for at most `limit` seconds of work; a key of the inventory is left alone."""

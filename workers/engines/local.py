@@ -77,6 +77,8 @@ class LocalEngine(Generic[Job, Result]):
         on_ended: called, in the engine's thread, when `ended` has something new.
     """
 
+    name = "local"
+
     def __init__(
         self,
         function: Callable[[Job], Result],
