@@ -137,6 +137,8 @@ def row_of(name: str, rank: int | None, successes: int) -> LeaderboardRow:
     rate, whole = RatePublic.of(successes, 25), RatePublic.of(15 * successes, 375)
     return LeaderboardRow(
         rank=rank,
+        rank_best=rank,
+        rank_worst=rank,
         evaluation=f"ev_{name}",
         policy=name,
         version=1,
