@@ -7,7 +7,7 @@ It changes only when an evaluation is asked for or completed, so one that was co
 """
 
 from collections import defaultdict
-from collections.abc import Hashable, Iterable, Sequence
+from collections.abc import Callable, Hashable, Iterable, Sequence
 from functools import lru_cache
 from statistics import fmean
 
@@ -25,6 +25,7 @@ from server.schemas import Leaderboard, LeaderboardColumn, LeaderboardRow, Verdi
 from server.states import EvaluationState
 
 ByTask = dict[str, Counts]
+Read = Callable[[Session, Sequence[str]], dict[str, Outcomes]]
 MOST_KEPT = 32  # leaderboards: two verdicts of three splits, and some that are past
 _kept: dict[Hashable, Leaderboard] = {}
 
@@ -36,7 +37,7 @@ def leaderboard(
     key = (split, verdict, standing(session, split))
     found = _kept.get(key)
     if found is None:
-        found = _computed(session, split, verdict)
+        found = compute(session, split, verdict)
         if len(_kept) >= MOST_KEPT:
             _kept.clear()
         _kept[key] = found
@@ -55,9 +56,12 @@ def standing(session: Session, split: Split) -> Hashable:
     return (suite.SUITE, suite.VERSION, *found)
 
 
-def _computed(session: Session, split: Split, verdict: Verdict) -> Leaderboard:
+def compute(
+    session: Session, split: Split, verdict: Verdict, read: Read = outcomes.of_completed
+) -> Leaderboard:
+    """The leaderboard anew, from outcomes that are kept or, with another reader, from the rows."""
     shown, others = _latest(session, split)
-    played = outcomes.of_completed(session, [one.id for one in shown])
+    played = read(session, [one.id for one in shown])
     rows = [_row(one, _counted(played[one.id])) for one in shown]
     rows.sort(key=lambda row: (row.reference, -(getattr(row.overall, verdict).value or 0.0)))
     return Leaderboard(

@@ -53,10 +53,16 @@ def of_completed(session: Session, evaluations: Sequence[str]) -> dict[str, Outc
     """Outcomes of evaluations that are completed."""
     found = _kept.get(evaluations)
     missing = [id for id in evaluations if id not in found]
-    for first in range(0, len(missing), AT_ONCE):
-        read = _read(session, missing[first : first + AT_ONCE])
-        _kept.put(read)
-        found |= read
+    read = as_stored(session, missing)
+    _kept.put(read)
+    return found | read
+
+
+def as_stored(session: Session, evaluations: Sequence[str]) -> dict[str, Outcomes]:
+    """Outcomes as the database has them now, kept ones or not."""
+    found: dict[str, Outcomes] = {}
+    for first in range(0, len(evaluations), AT_ONCE):
+        found |= _read(session, evaluations[first : first + AT_ONCE])
     return found
 
 

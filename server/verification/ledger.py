@@ -10,10 +10,10 @@ from sqlalchemy.orm import Session
 
 from hide_tasks import load
 from hide_tasks.machine import fingerprint
-from server import evaluations
+from server import evaluations, outcomes
 from server.blobs import CHECKPOINT, Blobs
 from server.evaluations import Counts, current_sources
-from server.leaderboard import leaderboard, together
+from server.leaderboard import compute, together
 from server.models import Blob, Episode, Evaluation
 from server.read_only import ReadOnlyFolder
 from server.schemas import LeaderboardRow, Verdicts
@@ -223,7 +223,8 @@ def _check_leaderboard(
     """Every figure of every row whose evaluation was recomputed."""
     splits = session.scalars(select(Evaluation.split).distinct()).all()
     for split in splits:
-        for row in leaderboard(session, split=split).rows:  # type: ignore[arg-type]
+        board = compute(session, split, "success", outcomes.as_stored)  # type: ignore[arg-type]
+        for row in board.rows:
             if row.evaluation in counted:
                 _check_row(row, counted[row.evaluation], findings)
 
