@@ -142,6 +142,16 @@ def undeclared(app: FastAPI) -> list[str]:
     ]
 
 
+def declared(app: FastAPI) -> dict[tuple[str, str], Need]:
+    """What is needed, by path and method in small letters."""
+    return {
+        (str(found.path), method.lower()): found.original_route.need
+        for found in iter_route_contexts(app.routes)
+        if isinstance(found.original_route, GuardedRoute)
+        for method in found.original_route.methods
+    }
+
+
 def require_declared(app: FastAPI) -> None:
     """Does nothing if every route says what it needs.
 

@@ -9,7 +9,7 @@ from fastapi.openapi.utils import get_openapi
 
 from hide_tasks.machine import installed
 from server import problems, revalidation
-from server.access import require_declared
+from server.access import Gate, Scope, declared, require_declared
 from server.admission import Admission
 from server.guard import Guard
 from server.hub import Hub
@@ -38,6 +38,12 @@ from workers.protocol import INTERNAL
 
 API = "/api/v1"
 PROBLEM = {problems.MEDIA_TYPE: {"schema": {"$ref": "#/components/schemas/ProblemDocument"}}}
+TOKEN = {
+    "type": "http",
+    "scheme": "bearer",
+    "description": "A token of this server, with the scope that the operation names. A server that "
+    "only its own machine reaches asks for none, and the pages' cookie does as well.",
+}
 UNCHANGED = {"description": "The client has it: its ETag is in If-None-Match."}
 ANY_PROBLEM: dict[int | str, dict[str, Any]] = {
     401: {"description": "It is not known who asks.", "content": PROBLEM},
@@ -99,6 +105,11 @@ def _described(app: FastAPI) -> dict[str, Any]:
             description=app.description,
             routes=app.routes,
         )
+        document["components"]["securitySchemes"] = {"token": TOKEN}
+        for (path, method), need in declared(app).items():
+            if need is not Gate.PUBLIC and (found := document["paths"].get(path, {}).get(method)):
+                scopes = [need.value] if isinstance(need, Scope) else []
+                found["security"] = [{"token": scopes}]
         problem = ProblemDocument.model_json_schema()
         document["components"]["schemas"]["ProblemDocument"] = problem
         for path in document["paths"].values():

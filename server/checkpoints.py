@@ -17,11 +17,13 @@ from sqlalchemy.orm import Session
 
 from seek_model.checkpoint_header import BadCheckpoint, Header, read_header
 from seek_model.other_formats import is_saved
-from server import blobs, policies
+from server import blobs, evaluations, policies, quotas, smoke
 from server.access import Principal
 from server.blobs import Blobs
-from server.models import Policy, PolicyVersion
+from server.models import Evaluation, Policy, PolicyVersion
 from server.problems import Problem, invalid
+from server.schemas import EvaluationCreate
+from server.settings import Settings
 from workers.conversion import convert
 from workers.policies import (
     MISMATCH,
@@ -205,3 +207,25 @@ def keep(
     return policies.register(
         session, name, spec, description=description, principal=principal, checks=checks
     )
+
+
+def try_out(
+    session: Session, version: PolicyVersion, principal: Principal, settings: Settings
+) -> Evaluation | None:
+    """The evaluation of suite `smoke` that tries a new version; it counts as its owner's.
+
+    None if this server begins none, or if the quota of whoever uploads is used up.
+    """
+    if not settings.smoke:
+        return None
+    wanted, owner = EvaluationCreate(policy=version.id, suite="smoke"), version.policy.owner_id
+    try:
+        with session.begin_nested():
+            row = evaluations.create(session, wanted, smoke.key(version), owner=owner)
+            session.flush()
+            quotas.require_evaluation(session, principal, settings)
+    except Problem as problem:
+        if problem.status != 429:
+            raise
+        return None
+    return row

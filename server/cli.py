@@ -286,6 +286,13 @@ def serve(
             help="Evaluate the built-in policies on first start; default: yes.",
         ),
     ] = None,
+    smoke: Annotated[
+        bool | None,
+        Option(
+            "--smoke/--no-smoke",
+            help="Try a new checkpoint at once, in one episode of each category; default: yes.",
+        ),
+    ] = None,
     sandbox: SandboxOption = None,
     scheduler: Annotated[
         str | None,
@@ -312,6 +319,7 @@ def serve(
         "allow_python": allow_python,
         "allow_remote": allow_remote or None,
         "references": references,
+        "smoke": smoke,
         "sandbox": sandbox,
         "scheduler": scheduler,
     }

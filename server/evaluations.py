@@ -12,7 +12,7 @@ from sqlalchemy.orm import Session
 from hide_tasks import ALL_TASKS, UnknownTask, load, suite
 from hide_tasks.contract import EpisodeSpec
 from hide_tasks.sources import sources_hash
-from server import lifecycle, policies, suites
+from server import idempotency, lifecycle, policies, suites
 from server.models import Attempt, Episode, Evaluation, Event, Policy, PolicyVersion, Shard
 from server.paging import after, page
 from server.problems import invalid, not_found
@@ -71,7 +71,7 @@ def create(
     asked = wanted.model_dump_json(exclude={"suite"})
     digest = hashlib.sha256(asked.encode()).hexdigest()
     if idempotency_key is not None:
-        idempotency_key = hashlib.sha256(f"{owner} {idempotency_key}".encode()).hexdigest()
+        idempotency_key = idempotency.hashed(owner, idempotency_key)
         known = select(Evaluation).where(Evaluation.idempotency_key == idempotency_key)
         if there := session.scalar(known):
             return _same(there, digest)

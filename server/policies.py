@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
+from server import smoke
 from server.access import Principal
 from server.models import Evaluation, Policy, PolicyVersion, new_id
 from server.paging import after, page
@@ -135,7 +136,7 @@ def versions(session: Session) -> list[PolicyVersionPublic]:
         .join(Policy)
         .order_by(PolicyVersion.reference.desc(), Policy.name, PolicyVersion.number.desc())
     )
-    return [public(version) for version in session.scalars(found)]
+    return public_all(session, session.scalars(found).all())
 
 
 def listed(
@@ -150,11 +151,22 @@ def listed(
     if place := after(cursor, [str]):
         wanted = wanted.where(PolicyVersion.id < place[0])
     rows = session.scalars(wanted).all()
-    return page(rows, limit, lambda one: [one.id], public)
+    shown = {one.id: one for one in public_all(session, rows[:limit])}
+    return page(rows, limit, lambda one: [one.id], lambda one: shown[one.id])
 
 
-def public(version: PolicyVersion) -> PolicyVersionPublic:
+def public(session: Session, version: PolicyVersion) -> PolicyVersionPublic:
     """A version as the API gives it out."""
+    return public_all(session, [version])[0]
+
+
+def public_all(session: Session, versions: Sequence[PolicyVersion]) -> list[PolicyVersionPublic]:
+    """Versions as the API gives them out."""
+    tried = smoke.of(session, versions)
+    return [_public(one, tried.get(one.id)) for one in versions]
+
+
+def _public(version: PolicyVersion, tried: str | None) -> PolicyVersionPublic:
     return PolicyVersionPublic.model_validate(
         {
             "id": version.id,
@@ -166,5 +178,6 @@ def public(version: PolicyVersion) -> PolicyVersionPublic:
             "created": version.created,
             "owner": version.policy.owner and version.policy.owner.name,
             "checks": version.checks or [],
+            "smoke": tried,
         }
     )

@@ -104,6 +104,7 @@ class PolicyVersionPublic(BaseModel):
     created: datetime
     owner: str | None  # name of a user; null: the server's own
     checks: list[Check]  # what was tried of it when it came
+    smoke: str | None  # the evaluation that tried it then, of one episode a category
 
 
 class UploadMetadata(_Given):

@@ -50,6 +50,7 @@ class Settings(BaseSettings):
     # from which on; default: INFO as json, else WARNING
     log_level: Literal["DEBUG", "INFO", "WARNING", "ERROR"] | None = None
     references: bool = True  # evaluate the built-in policies on first start?
+    smoke: bool = True  # play a new checkpoint's suite `smoke` at once?
     checkpoint_limit: Annotated[int, Field(gt=0)] = 4 * 2**30  # bytes of an uploaded one
     # Recordings that are removed to make room, never results; null: none
     keep_days: Annotated[float, Field(gt=0)] | None = None  # older ones go

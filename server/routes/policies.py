@@ -63,7 +63,7 @@ def register_policy(
             description=wanted.description,
             principal=principal,
         )
-        version = policies.public(row)
+        version = policies.public(session, row)
     response.headers["Location"] = f"/api/v1/policies/{version.id}"
     return version
 
@@ -152,7 +152,7 @@ def _kept(
     header = checkpoints.header_of(received)
     with hub.database.reading() as session:
         if there := checkpoints.known(session, name, received.sha256):
-            return policies.public(there), False
+            return policies.public(session, there), False
         quotas.require_room(session, principal, hub.settings, received.size)
     checks = checkpoints.require_fit(received, header, hub.surroundings())
     hub.blobs.take(received.path, received.sha256)
@@ -167,7 +167,10 @@ def _kept(
             checks=[*done, *checks],
         )
         quotas.require_room(session, principal, hub.settings, 0)
-        return policies.public(row), True
+        checkpoints.try_out(session, row, principal, hub.settings)
+        version = policies.public(session, row)
+    hub.bell.reconciler.set()
+    return version, True
 
 
 @router.get("/{policy}")
@@ -175,6 +178,6 @@ def _kept(
 def get_policy(policy: str, session: Reading) -> PolicyVersionPublic:
     """One version, by id, name (the newest) or name@version."""
     try:
-        return policies.public(policies.find(session, policy))
+        return policies.public(session, policies.find(session, policy))
     except Problem as problem:
         raise Problem(404, "not_found", problem.detail) from None

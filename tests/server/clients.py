@@ -33,7 +33,8 @@ SMALL = {"policy": "expert", "tasks": ["search_drawer"], "episodes": 2}
 def application(data: Path, **settings: Any) -> FastAPI:
     """The API over a new ledger."""
     ledgers.laid(data)
-    return create_app(Settings(data=data, workers=0, references=False, **settings))
+    quiet = {"workers": 0, "references": False, "smoke": False}
+    return create_app(Settings(data=data, **{**quiet, **settings}))
 
 
 @contextmanager

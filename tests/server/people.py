@@ -22,7 +22,8 @@ LOOPBACK = "http://127.0.0.1"
 def application(data: Path, **settings: Any) -> FastAPI:
     """The API and its pages; nothing is handed out."""
     ledgers.laid(data)
-    return create_app(Settings(data=data, workers=0, references=False, **settings))
+    quiet = {"workers": 0, "references": False, "smoke": False}
+    return create_app(Settings(data=data, **{**quiet, **settings}))
 
 
 @contextmanager

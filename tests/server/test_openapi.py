@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 
+import httpx
 import pytest
 import schemathesis
 from hypothesis import HealthCheck, Phase, given, settings
@@ -80,3 +81,15 @@ def test_every_answer_is_as_described(server: Server, mode: GenerationMode) -> N
             case.call_and_validate(checks=CONFORMANCE)
 
         conforms()
+
+
+def test_the_document_says_which_token_an_operation_wants(server: Server) -> None:
+    address, _ = server
+    document = httpx.get(f"{address}/api/v1/openapi.json").json()
+
+    assert document["components"]["securitySchemes"]["token"]["scheme"] == "bearer"
+    paths = document["paths"]
+    assert paths["/api/v1/evaluations"]["post"]["security"] == [{"token": ["submit"]}]
+    assert paths["/api/v1/users"]["get"]["security"] == [{"token": ["admin"]}]
+    assert paths["/api/v1/me"]["get"]["security"] == [{"token": []}]
+    assert "security" not in paths["/api/v1/health/live"]["get"]

@@ -343,6 +343,28 @@ def test_attempts_are_counted_and_what_never_began_is_given_back(tmp_path: Path)
     assert unbound == [202] * 3
 
 
+def test_a_checkpoint_stays_where_the_quota_has_no_room_for_its_first_run(tmp_path: Path) -> None:
+    pytest.importorskip("torch")
+    from tests.seek_model.checkpoints import tiny_checkpoint
+
+    content = tiny_checkpoint(tmp_path / "tiny.safetensors").read_bytes()
+    with peopled(tmp_path, quota_attempts=1, smoke=True) as app:
+        asking = visitor(app, token_of(app, "submitter"))
+        upload = f"{API}/policies/checkpoints"
+        first = asking.post(upload, params={"name": "first"}, content=content)
+        second = asking.post(upload, params={"name": "second"}, content=content)
+        tried = asking.get(f"{API}/evaluations/{first.json()['smoke']}").json()
+        known = asking.get(f"{API}/policies").json()["items"]
+
+    assert (first.status_code, second.status_code) == (201, 201)
+    assert (tried["policy"], tried["covers"], tried["episodes"]) == ("first", "smoke", 1)
+    assert second.json()["smoke"] is None
+    assert {one["policy"]: one["smoke"] for one in known[:2]} == {
+        "second": None,
+        "first": first.json()["smoke"],
+    }
+
+
 def test_what_infrastructure_spoiled_is_given_back_and_a_day_passes(tmp_path: Path) -> None:
     with peopled(tmp_path, quota_attempts=1) as app:
         hub, asking = app.state.hub, visitor(app, token_of(app, "submitter"))
