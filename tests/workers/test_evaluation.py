@@ -135,7 +135,7 @@ def test_ctrl_c_stops_everything_and_tells_how_to_go_on(tmp_path: Path) -> None:
     processes = descendants(running.pid)
 
     os.killpg(running.pid, signal.SIGINT)  # as a terminal does it
-    output, errors = running.communicate(timeout=30)
+    output, errors = running.communicate(timeout=60)
 
     assert (running.returncode, output) == (130, "")
     assert errors.splitlines()[-1].endswith(f"--out {tmp_path / 'run'} resumes.")

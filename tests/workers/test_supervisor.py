@@ -198,7 +198,7 @@ def test_nothing_is_left_of_an_attempt_that_is_ended(
     with closing(LocalEngine(run_shard, workers=1)) as engine:
         engine.submit("s1:1", shard(peer, hosted("Hangs", timeout=60.0)), 300.0)
         wait_for(lambda: peer.kept.pieces, "an episode under way")
-        wait_for(lambda: descendants_that_run("workers.policy_host"), "its policy")
+        wait_for(lambda: len(descendants_that_run("workers.policy_host")) == 1, "its policy")
         [simulator] = descendants_that_run("workers.simulator_host")
         [policy] = descendants_that_run("workers.policy_host")
         pool_process = parent(simulator)
