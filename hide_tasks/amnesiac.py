@@ -16,7 +16,7 @@ from hide_tasks.contract import Action, EpisodeSpec, Observation
 from hide_tasks.likeness import alike, likeness
 from hide_tasks.script import Point, library, same_action
 
-Options = dict[str, Point]  # by the name of the stage that they begin or go on with
+Options = dict[str, Point]  # by the stage that they begin, or go on with from a keyframe on
 Mix = Mapping[str, Mapping[str, float]]  # by what is open, the odds of each option
 
 
@@ -47,9 +47,9 @@ def options(points: Sequence[Point], observation: Observation) -> Options:
     found: Options = {}
     for point in matching(points, observation):
         if not any(same_action(point.next, other.next) for other in found.values()):
-            again = f"{point.stage} {point.script}.{point.keyframes}"
-            name = again if point.stage in found else point.stage
-            found[name] = point
+            name = f"{point.stage} from {point.within}" if point.within else point.stage
+            again = f"{name} ({point.script}.{point.keyframes})"
+            found[again if name in found else name] = point
     return found
 
 

@@ -21,7 +21,10 @@ Verdict = Literal["success", "exact"]
 
 
 class Crossing(NamedTuple):
-    """A place where the choice is open: the options, the hidden state, what is spoiled."""
+    """A place where the choice is open: the options, the hidden state, what is spoiled.
+
+    The options' names tell where in their stages they are, and so places that look different apart.
+    """
 
     options: tuple[str, ...]
     state: str

@@ -82,7 +82,11 @@ def judge(document: dict[str, Any]) -> tuple[str, str]:
             f"Without memory the expert's keyframes are exact in {ceiling:.0%} of the episodes.",
         )
     if not report["blind"]:
-        return "weak", "A classifier reads the next action from the picture at the alias points."
+        best = max(report[name]["high"] for name in ("nearest", "linear"))
+        return "weak", (
+            f"A classifier may read the next action from the picture at the alias points: its "
+            f"interval ends at {best:.0%}, chance is {report['chance']:.0%}."
+        )
     return "strong", (
         f"At the alias points the picture does not tell the next action, and whoever plays the "
         f"expert's keyframes without memory is exact in at most {ceiling:.0%} of the episodes."

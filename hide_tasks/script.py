@@ -18,6 +18,7 @@ class Step(NamedTuple):
 
     number: int  # of the stage, from 0; a name may come again
     stage: str
+    within: int  # keyframes of the stage before it
     keyframe: Keyframe
 
 
@@ -27,11 +28,11 @@ def steps(task: Task, detour: int | None = None) -> Iterator[Step]:
     A keyframe is read when it is asked for, so the one before must have been carried out.
     """
     moves = _moves(task.expert() if detour is None else task.detours()[detour])
-    number, name, move = next(moves)
+    number, name, within, move = next(moves)
     for following in moves:
-        yield Step(number, name, move())
-        number, name, move = following
-    yield Step(number, name, move().model_copy(update={"stop": True}))
+        yield Step(number, name, within, move())
+        number, name, within, move = following
+    yield Step(number, name, within, move().model_copy(update={"stop": True}))
 
 
 def script(task: Task, detour: int | None = None) -> Iterator[tuple[str, Keyframe]]:
@@ -39,8 +40,12 @@ def script(task: Task, detour: int | None = None) -> Iterator[tuple[str, Keyfram
     return ((step.stage, step.keyframe) for step in steps(task, detour))
 
 
-def _moves(stages: Iterator[Stage]) -> Iterator[tuple[int, str, Move]]:
-    return ((i, stage.name, move) for i, stage in enumerate(stages) for move in stage.moves)
+def _moves(stages: Iterator[Stage]) -> Iterator[tuple[int, str, int, Move]]:
+    return (
+        (number, stage.name, within, move)
+        for number, stage in enumerate(stages)
+        for within, move in enumerate(stage.moves)
+    )
 
 
 @dataclass(frozen=True)
@@ -52,6 +57,7 @@ class Point:
     observation: Observation
     next: Keyframe
     stage: str  # the stage that the next keyframe belongs to
+    within: int  # keyframes of that stage that are done
     hidden: HiddenState
 
 
@@ -68,10 +74,10 @@ def points(spec: EpisodeSpec, number: int = 0, detour: int | None = None) -> lis
     """The expert's episode of a spec, point by point; a last observation has no point."""
     found = []
     with World(suite.build(spec)) as world:
-        for done, (stage, keyframe) in enumerate(script(world.task, detour)):
-            observation, hidden = world.observe(), world.task.hidden_state()
-            found.append(Point(number, done, observation, keyframe, stage, hidden))
-            world.execute(keyframe)
+        for done, step in enumerate(steps(world.task, detour)):
+            seen, hidden = world.observe(), world.task.hidden_state()
+            found.append(Point(number, done, seen, step.keyframe, step.stage, step.within, hidden))
+            world.execute(step.keyframe)
     return found
 
 

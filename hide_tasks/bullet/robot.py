@@ -30,6 +30,8 @@ WIDTH = 0.04  # m that each finger opens
 FORCES = [87.0] * 7  # N m
 POSITION_GAINS, VELOCITY_GAINS = [0.3] * 7, [1.0] * 7
 GRIP = 20.0  # N
+GRADE = 2e-4  # m by which the fingers can hold wider: where the arm was shows in micrometres
+DIGITS = 3  # of the opening: 0.08 mm
 HOLD = 300.0  # N at which a held thing gives way
 NEAR = 0.002  # m between finger and link that counts as touching
 JOINT_SPEED = 1.6  # rad/s, peak
@@ -89,8 +91,7 @@ class Robot:
     @property
     def opening(self) -> float:
         """0 shut, 1 open."""
-        gap = sum(state[0] for state in self.client.getJointStates(self.id, list(FINGERS)))
-        return float(np.clip(gap / (2 * WIDTH), 0.0, 1.0))
+        return round(float(np.clip(self._gap() / (2 * WIDTH), 0.0, 1.0)), DIGITS)
 
     @property
     def grasped(self) -> tuple[BulletBody, int] | None:
@@ -218,7 +219,7 @@ class Robot:
             self.rest()  # how it lies in the hand is the same for every posture of the arm
         self._grasped, body.held_link = found, link
         self._constraint = self._fix(body, link)
-        self._drive_fingers(self.client.getJointState(self.id, FINGERS[0])[0])
+        self._stand_fingers(round(self._gap() / (2 * GRADE)) * GRADE)
         self._let_pass(body, link, passing=True)
 
     def _open(self) -> None:
@@ -233,6 +234,16 @@ class Robot:
             body.held_link = None
             self._let_pass(body, link, passing=False)
             self.scene.let_go(body)
+
+    def _gap(self) -> float:
+        """m between the fingers."""
+        return float(sum(s[0] for s in self.client.getJointStates(self.id, list(FINGERS))))
+
+    def _stand_fingers(self, width: float) -> None:
+        """Both fingers stand there and stay, however the arm bends them."""
+        for finger in FINGERS:
+            self.client.resetJointState(self.id, finger, width)
+        self._drive_fingers(width)
 
     def _put_fingers(self, width: float) -> None:
         states = self.client.getJointStates(self.id, list(FINGERS))

@@ -154,7 +154,7 @@ def test_an_observation_holds_nothing_of_the_hidden_state(scripts):
         assert one.instruction == two.instruction
         assert np.abs(one.joint_positions - two.joint_positions).max() < 1e-5
         assert np.abs(one.gripper_pose - two.gripper_pose).max() < 1e-5
-        assert abs(one.gripper_opening - two.gripper_opening) < 1e-3
+        assert one.gripper_opening == two.gripper_opening
         for camera in CAMERAS:
             a, b = one.views[camera], two.views[camera]
             assert set(vars(a)) == {"rgb", "depth", "intrinsics", "camera_to_world"}
