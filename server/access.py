@@ -148,7 +148,7 @@ def declared(app: FastAPI) -> dict[tuple[str, str], Need]:
         (str(found.path), method.lower()): found.original_route.need
         for found in iter_route_contexts(app.routes)
         if isinstance(found.original_route, GuardedRoute)
-        for method in found.original_route.methods
+        for method in found.original_route.methods or ()
     }
 
 

@@ -47,6 +47,7 @@ def commit(
         raise Problem(409, "stale_attempt", f"Episode {episode.id} was not begun by this attempt.")
     _add_rows(session, episode, what)
     _finish(session, store, episode, what)
+    _tell_machine(attempt, what)
     session.flush()
     lifecycle.tell_episode(session, episode)
     return Committed(already=False)
@@ -128,6 +129,11 @@ def _add_rows(session: Session, episode: Episode, what: EpisodeCommit) -> None:
 def _insert(session: Session, table: type[Base], rows: Sequence[dict[str, Any]]) -> None:
     if rows:
         session.execute(insert(table), rows)
+
+
+def _tell_machine(attempt: Attempt, what: EpisodeCommit) -> None:
+    if attempt.machine is None:
+        attempt.machine = what.machine
 
 
 def _finish(session: Session, store: Blobs, episode: Episode, what: EpisodeCommit) -> None:

@@ -235,6 +235,8 @@ class Attempt(Base):
     leased: Mapped[datetime] = mapped_column(default=now)
     ended: Mapped[datetime | None]
     reason: Mapped[str | None]
+    # that played it, once it told of an episode; what came before this column has the evaluation's
+    machine: Mapped[dict[str, Any] | None] = mapped_column(JSON(none_as_null=True))
     shard: Mapped[Shard] = relationship()
 
 

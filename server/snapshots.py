@@ -47,7 +47,7 @@ def _evaluation(session: Session, id: str) -> SnapshotEvaluation:
     return SnapshotEvaluation(
         evaluation=id,
         policy_version=one.policy_version_id,
-        results=_digest(session, id, Episode.digest),
+        results=results_digest(session, id),
         sources=one.sources,
         machine=one.machine,
     )
@@ -77,6 +77,11 @@ def keep(
     session.flush()
     session.refresh(row)
     return row, True
+
+
+def results_digest(session: Session, evaluation: str) -> str:
+    """What a snapshot says of an evaluation's results, from the ledger as it stands."""
+    return _digest(session, evaluation, Episode.digest)
 
 
 def find(session: Session, text: str) -> LeaderboardSnapshot:

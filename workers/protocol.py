@@ -189,7 +189,8 @@ class EpisodeCommit(_Message):
     recording: str | None = None  # SHA-256 of the .rrd that was sent before
     thumbnail: Base64Bytes | None = None  # JPEG, what the front camera saw last
     sandbox: Sandbox | None = None  # around the policy's process; None: it had no process
-    digest: str  # measured_digest of the rest
+    machine: dict[str, str] | None = None  # fingerprint of the one that played it
+    digest: str  # measured_digest of what was measured
 
 
 class Stored(_Message):

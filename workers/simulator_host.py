@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from hide_tasks.bullet.scene import Part
 from hide_tasks.contract import DecisionRecord, EpisodeResult, EpisodeSpec, Observation, Start
+from hide_tasks.machine import fingerprint
 from hide_tasks.sources import sources_hash
 from workers import policies, wire
 from workers.hidden_trace import HiddenTrace
@@ -89,6 +90,7 @@ def play(request: Play, connection: socket.socket) -> EpisodeCommit:
         changes=measured[3],
         thumbnail=trace.thumbnail,
         sandbox=request.sandbox,
+        machine=fingerprint(),
         digest=measured_digest(*measured),
     )
 

@@ -8,22 +8,22 @@ from typing import Any
 from sqlalchemy import Engine, select
 from sqlalchemy.orm import Session
 
-from hide_tasks import load
 from hide_tasks.machine import fingerprint
-from server import evaluations, outcomes
+from server import evaluations
 from server.blobs import CHECKPOINT, Blobs
 from server.evaluations import Counts, current_sources
-from server.leaderboard import compute, together
-from server.models import Blob, Episode, Evaluation
+from server.models import Attempt, Blob, Episode, Evaluation
 from server.read_only import ReadOnlyFolder
-from server.schemas import LeaderboardRow, Verdicts
+from server.schemas import Verdicts
 from server.states import EpisodeState, EvaluationState
 from server.verification import episodes, simulation
+from server.verification.boards import check_leaderboard, check_snapshots, scores
 from server.verification.files import check_blob, check_files
 from server.verification.findings import Findings
 from server.verification.simulation import Replay
 
 Verdict = dict[str, Any]
+Machine = dict[str, Any]
 Say = Callable[[str], None]
 
 
@@ -72,7 +72,8 @@ class Verifier:
             with Session(engine) as session:
                 _check_checkpoints(session, self.folder.blobs, self.findings)
         with Session(engine) as session:
-            _check_leaderboard(session, counted, self.findings)
+            check_leaderboard(session, counted, self.findings)
+            check_snapshots(session, counted, self.findings)
 
     def _verify_one(self, engine: Engine, id: str) -> dict[str, Counts]:
         """One evaluation; its counts by task, recomputed."""
@@ -107,14 +108,15 @@ class Verifier:
             ]
             _check_files(session, found, self.folder.blobs, self.findings)
             verdicts |= {one.episode.id: (task, one.verdicts) for one in found}
-            replays += self._replays(row, found, suspicious, same_sources=same)
+            machines = _machines(session, row, found)
+            replays += self._replays(found, suspicious, machines, same_sources=same)
         return verdicts, replays
 
     def _replays(
         self,
-        row: Evaluation,
         found: Sequence[episodes.Rows],
         suspicious: Sequence[episodes.Rows],
+        machines: Mapping[str, Machine],
         *,
         same_sources: bool,
     ) -> list[Replay]:
@@ -126,12 +128,33 @@ class Verifier:
             for _ in chosen:
                 self.findings.leave_out("the task's sources have changed since it was played")
             return []
-        same_machine = row.machine == fingerprint()
+        here = fingerprint()
         return [
-            Replay(recorded, one.name, one.result, one.decisions, one.changes, same_machine)
+            Replay(
+                recorded,
+                one.name,
+                one.result,
+                one.decisions,
+                one.changes,
+                same_machine=machines[one.episode.id] == here,
+            )
             for one in chosen.values()
             if (recorded := episodes.replayable(one, self.findings))
         ]
+
+
+def _machines(
+    session: Session, row: Evaluation, found: Iterable[episodes.Rows]
+) -> dict[str, Machine]:
+    """By episode, the machine of the attempt that played it; else the evaluation's own server."""
+    shards = {one.episode.shard_id for one in found}
+    wanted = select(Attempt.shard_id, Attempt.fence, Attempt.machine)
+    told = session.execute(wanted.where(Attempt.shard_id.in_(shards)))
+    machines = {(shard, fence): machine for shard, fence, machine in told if machine}
+    return {
+        one.episode.id: machines.get((one.episode.shard_id, one.episode.fence), row.machine)
+        for one in found
+    }
 
 
 def _readable(
@@ -214,41 +237,4 @@ def _check_scores(
     id: str, stored: Verdicts, counted: Mapping[str, Counts], findings: Findings
 ) -> None:
     found = evaluations.verdicts(_sum(counted.values()))
-    findings.expect(id, "score", _scores(stored), _scores(found))
-
-
-def _check_leaderboard(
-    session: Session, counted: Mapping[str, dict[str, Counts]], findings: Findings
-) -> None:
-    """Every figure of every row whose evaluation was recomputed."""
-    splits = session.scalars(select(Evaluation.split).distinct()).all()
-    for split in splits:
-        board = compute(session, split, "success", outcomes.as_stored)  # type: ignore[arg-type]
-        for row in board.rows:
-            if row.evaluation in counted:
-                _check_row(row, counted[row.evaluation], findings)
-
-
-def _check_row(row: LeaderboardRow, counted: dict[str, Counts], findings: Findings) -> None:
-    name = f"leaderboard, {row.policy}@{row.version}"
-    category = {task: str(load(task).category) for task in counted}
-    stored = {"overall": row.overall, **row.categories, **row.tasks}
-    found = {"overall": together(counted.values())}
-    found |= {
-        group: together(one for task, one in counted.items() if category[task] == group)
-        for group in row.categories
-    }
-    found |= {task: evaluations.verdicts(one) for task, one in counted.items()}
-    for column in stored:
-        if column in found:
-            label = f"{name}, {column}"
-            findings.expect(row.evaluation, label, _scores(stored[column]), _scores(found[column]))
-        else:
-            findings.note(row.evaluation, name, column, _scores(stored[column]), None)
-
-
-def _scores(verdicts: Verdicts) -> dict[str, str]:
-    return {
-        name: f"{rate.successes} of {rate.episodes}"
-        for name, rate in (("success", verdicts.success), ("exact", verdicts.exact))
-    }
+    findings.expect(id, "score", scores(stored), scores(found))

@@ -1,11 +1,14 @@
 """A ledger that was tampered with, without playing anything again."""
 
+import hashlib
+import json
 from pathlib import Path
 
 import pytest
 
 from hide_tasks import ALL_TASKS
 from hide_tasks.contract import EpisodeSpec, Failure
+from server import snapshots
 from server.blobs import Blobs
 from server.data_folder import DataFolder, DataFolderError
 from server.db import Database, LedgerError, migrate
@@ -247,3 +250,27 @@ def test_a_ledger_of_an_older_version_is_left_to_its_server(folder: Path) -> Non
     migrate(database.engine)
     database.close()
     assert verified(folder).mismatches == []
+
+
+def test_a_kept_leaderboard_is_compared_with_the_episodes(tmp_path: Path) -> None:
+    database, store = ledgers.opened(tmp_path), Blobs(tmp_path / "blobs")
+    ledgers.registered(database, "mine")
+    ledgers.evaluated(database, store, "mine", failing)
+    with database.writing() as session:
+        kept, _ = snapshots.keep(session, snapshots.content(session, "test"), "test")
+        content = kept.content
+    database.close()
+    assert verified(tmp_path).mismatches == []
+    document = json.loads(content)
+    document["leaderboards"]["exact"]["rows"][0]["overall"]["exact"]["successes"] += 1
+    forged = json.dumps(document, sort_keys=True, separators=(",", ":"))
+    sha256 = hashlib.sha256(forged.encode()).hexdigest()
+
+    quoted = forged.replace("'", "''")
+    tampering.alter(tmp_path, f"UPDATE leaderboard_snapshots SET content = '{quoted}'")
+    careless = {(one.subject, one.what) for one in verified(tmp_path).mismatches}
+    tampering.alter(tmp_path, f"UPDATE leaderboard_snapshots SET sha256 = '{sha256}'")
+    careful = {(one.name, one.what) for one in verified(tmp_path).mismatches}
+
+    assert ("snapshot 1", "sha256") in careless
+    assert careful == {("snapshot 1, mine@1, overall", "exact")}

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from hide_tasks.machine import fingerprint
 from server.blobs import Blobs
 from server.read_only import ReadOnlyFolder
 from server.verification.findings import Findings
@@ -122,6 +123,22 @@ def test_on_another_class_of_machine_verdicts_and_counts_must_agree(tmp_path: Pa
 
     assert found.mismatches == []
     assert (found.simulated, found.bitwise) == (2, 0)
+
+
+def test_a_worker_elsewhere_tells_its_own_machine(tmp_path: Path) -> None:
+    """The evaluation was asked for on this machine, one shard was played on another."""
+    ids = played.data_folder(tmp_path)
+    elsewhere = json.dumps(fingerprint() | {REALLY: "another"})
+    shard = f"SELECT id FROM shards WHERE evaluation_id = '{ids['expert']}'"
+    tampering.alter(
+        tmp_path,
+        f"UPDATE attempts SET machine = '{elsewhere}' WHERE shard_id IN ({shard})",
+    )
+
+    found = verified(tmp_path)
+
+    assert found.mismatches == []
+    assert (found.simulated, found.bitwise) == (2, 1)
 
 
 def test_what_other_sources_played_is_left_out_and_said(tmp_path: Path) -> None:
