@@ -43,6 +43,13 @@ class AuthName(StrEnum):
     users = "users"
 
 
+class WireName(StrEnum):
+    openpi = "openpi"
+    vla_eval = "vla_eval"
+    act = "act"
+    gr00t = "gr00t"
+
+
 class CategoryName(StrEnum):
     RC = "RC"
     HSR = "HSR"
@@ -346,8 +353,18 @@ def serve_policy(
     policy_timeout: Annotated[
         float, Option(min=0.001, max=3600, metavar="SECONDS", help="For one answer.")
     ] = 60.0,
+    wire: Annotated[
+        WireName, Option(help="The protocol; act knows no episodes, gr00t one session.")
+    ] = WireName.openpi,
+    write_maps: Annotated[
+        Path | None,
+        Option(
+            metavar="FILE",
+            help="Write what clients of another wire than openpi declare: hide eval … --maps FILE.",
+        ),
+    ] = None,
 ) -> None:
-    """Serve a policy to hide eval ws://…, or to any openpi client, over a WebSocket."""
+    """Serve a policy to hide eval ws://…, to any openpi client, or over another wire."""
     from server.serve_policy import serve_policy as run_server
 
     run_server(
@@ -356,6 +373,8 @@ def serve_policy(
         port=port,
         sessions=sessions,
         timeout=policy_timeout,
+        wire=wire.value,
+        maps=write_maps,
         serving=lambda url: typer.echo(f"{policy}: {url} (Ctrl-C stops)", err=True),
     )
 

@@ -29,6 +29,18 @@ class Stays:
         return Belief(stage_count=self.decisions)
 
 
+class Lowers:
+    """Goes down a centimetre with each decision of an episode."""
+
+    def reset(self, instruction, policy_seed):
+        self.decisions = 0
+
+    def act(self, observation):
+        self.decisions += 1
+        x, y, z, *turn = observation.gripper_pose
+        return Keyframe.at([x, y, z - 0.01 * self.decisions, *turn], opening=0.0)
+
+
 class Answers:
     """Answers with a dictionary of arrays, as numpy users write it."""
 

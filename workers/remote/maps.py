@@ -4,6 +4,7 @@ Nothing here is guessed. An entry that fits nothing is refused before the first 
 an answer that differs from its declaration.
 """
 
+import json
 from typing import Annotated, Literal, Self
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, JsonValue, model_validator
@@ -198,6 +199,23 @@ def require_free_names(observation: ObservationMap) -> None:
     """
     if taken := set(RESERVED) & set(observation):
         raise ValueError(f"the names {', '.join(sorted(taken))} are the protocol's own")
+
+
+def as_toml(wire: str, observation: ObservationMap, action: ActionMap) -> str:
+    """A file of maps, as `hide eval --maps` reads it; of flat observations."""
+    lines = [f"wire = {json.dumps(wire)}", "", "[observation]"]
+    for name, entry in observation.items():
+        if isinstance(entry, dict):
+            raise TypeError(f"{name} is a group")
+        lines.append(f"{json.dumps(name)} = {_inline(entry)}")
+    said = action.model_dump(mode="json", exclude_defaults=True) | {"kind": action.kind}
+    lines += ["", "[action]", *(f"{name} = {json.dumps(value)}" for name, value in said.items())]
+    return "\n".join(lines) + "\n"
+
+
+def _inline(entry: Entry) -> str:
+    said = entry.model_dump(mode="json", exclude_defaults=True)
+    return "{" + ", ".join(f"{name} = {json.dumps(value)}" for name, value in said.items()) + "}"
 
 
 def everything() -> ObservationMap:

@@ -5,13 +5,11 @@ client that knows no dialect sends observations alone; its connection is its epi
 """
 
 import hmac
-from collections.abc import Callable, Iterator, Mapping
-from concurrent.futures import ThreadPoolExecutor, wait
-from contextlib import contextmanager, suppress
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
-from queue import Empty, SimpleQueue
-from time import monotonic
 from typing import Any
 
 from websockets.exceptions import ConnectionClosed
@@ -25,43 +23,12 @@ from workers.policy_process import PolicyProcess
 from workers.remote import arrays
 from workers.remote.maps import INSTRUCTION, Declaration, everything
 from workers.remote.observations import BadObservation, observation_of
+from workers.remote.seats import SEED, BadRequest, Seat, Seats, acted, text_of
 
-SEAT_LIMIT = 2.0  # s for a session that is just ending to make room
-LOOK_EVERY = 0.2  # s between two looks whether a client is still there
 IDLE_LIMIT = 900.0  # s without a message, after which a session is over
-SEED = 0  # of every session: nothing that tells episodes apart crosses the wire
 LONGEST_ID = 100
 TRY_AGAIN, FAILED = 1013, 1011  # codes of RFC 6455's registry
-
-
-class BadRequest(ValueError):
-    """A message that a client should not have sent."""
-
-
-class Seat:
-    """A policy process and the thread that starts it: on Linux it ends with that thread."""
-
-    def __init__(self, process: PolicyProcess):
-        self.process = process
-        self._thread = ThreadPoolExecutor(1, thread_name_prefix="policy")
-
-    def call(self, function: Callable[[], Any], wanted: Callable[[], bool] = lambda: True) -> Any:
-        """What the function returns, called in the process's thread.
-
-        Args:
-            wanted: asked again and again; the process is killed when nobody wants its answer.
-        """
-        asked = self._thread.submit(function)
-        while not wait([asked], timeout=LOOK_EVERY).done:
-            if not wanted():
-                self.process.kill()
-        return asked.result()
-
-    def close(self) -> None:
-        """Ends the process, and so whatever is asked of it."""
-        self.process.kill()
-        self._thread.submit(self.process.close)
-        self._thread.shutdown()
+BAD = (BadRequest, BadObservation, arrays.BadMessage, PolicyFailure)
 
 
 @dataclass
@@ -80,11 +47,11 @@ class Session:
         """
         endpoint = message.get("endpoint")
         if endpoint == "reset":
-            return self._reset(_text(message, "session_id"), _text(message, INSTRUCTION))
+            return self._reset(text_of(message, "session_id"), text_of(message, INSTRUCTION))
         if endpoint not in (None, "infer"):
             raise BadRequest(f"no endpoint '{str(endpoint)[:40]}'; there are reset and infer")
         if endpoint is None and self.name is None:
-            self._reset("", _text(message, INSTRUCTION))
+            self._reset("", text_of(message, INSTRUCTION))
         if self.name is None or message.get("session_id", "") != self.name:
             raise BadRequest("this session did not begin here; send endpoint reset first")
         return self._infer(message)
@@ -95,27 +62,14 @@ class Session:
         return {"ok": True}
 
     def _infer(self, message: Mapping[Any, Any]) -> dict[str, Any]:
-        began = monotonic()
-        action = self.process.act(observation_of(message))
-        belief = self.process.belief()
-        reply = {"action": action, "server_timing": {"infer_ms": 1e3 * (monotonic() - began)}}
-        if belief is not None:
-            reply["belief"] = belief.model_dump(mode="json")
+        reply = acted(self.process, observation_of(message))
         if "request_id" in message:
-            reply["request_id"] = _text(message, "request_id", LONGEST_ID)
+            reply["request_id"] = text_of(message, "request_id", LONGEST_ID)
         return reply
 
 
-def _text(message: Mapping[Any, Any], name: str, longest: int = 10_000) -> str:
-    value = message.get(name)
-    if not isinstance(value, str) or len(value) > longest:
-        found = "missing" if value is None else type(value).__name__
-        raise BadRequest(f"{name} is {found}; expected a text of at most {longest} characters")
-    return value
-
-
-class PolicyServer:
-    """A policy, ready for so many episodes at a time.
+class WebSocketServer(ABC):
+    """A policy behind a WebSocket; what is said on it is the subclasses' affair.
 
     Args:
         policy: what is served; a process of it is started for each session.
@@ -130,18 +84,8 @@ class PolicyServer:
     def __init__(
         self, policy: Hosted, *, sessions: int = 1, model: str = "", key: str | None = None
     ):
-        self.key = key
-        declared = Declaration(model=model, observation=everything(), max_sessions=sessions)
-        self._greeting = arrays.pack(declared.message())
-        self._free: SimpleQueue[Seat] = SimpleQueue()
-        self._seats = [Seat(policy.make()) for _ in range(sessions)]
-        for seat in self._seats:
-            try:
-                seat.call(seat.process.load)
-            except BaseException:
-                self.close()
-                raise
-            self._free.put(seat)
+        self.key, self.model, self.sessions = key, model, sessions
+        self._seats = Seats(policy, sessions)
 
     def listen(self, host: str, port: int) -> Server:
         """A server that has the port; `serve_forever` then answers. Pages of browsers are refused.
@@ -162,55 +106,73 @@ class PolicyServer:
 
     def close(self) -> None:
         """Ends every process, whatever it is doing."""
-        for seat in self._seats:
-            seat.close()
+        self._seats.close()
+
+    @abstractmethod
+    def converse(self, connection: ServerConnection, seat: Seat) -> None:
+        """Answers until the client is gone.
+
+        Raises:
+            TimeoutError: nothing came for long.
+        """
 
     def _admit(self, connection: ServerConnection, request: Request) -> Response | None:
         if request.path == "/healthz":
             return connection.respond(200, "OK\n")
-        given = request.headers.get("Authorization", "")
-        if self.key and not hmac.compare_digest(_bytes(given), _bytes(f"Api-Key {self.key}")):
+        if not is_key(request.headers.get("Authorization", ""), self.key):
             return connection.respond(401, "Send the header Authorization: Api-Key …\n")
         return None
 
     def _handle(self, connection: ServerConnection) -> None:
-        with self._seated() as seat, suppress(ConnectionClosed):
+        with self._seats.taken() as seat, suppress(ConnectionClosed):
             if seat is None:
                 connection.close(TRY_AGAIN, "all sessions are taken")
                 return
-            connection.send(self._greeting)
-            _converse(connection, seat)
+            try:
+                self.converse(connection, seat)
+            except TimeoutError:
+                connection.close(TRY_AGAIN, "idle")
 
-    @contextmanager
-    def _seated(self) -> Iterator[Seat | None]:
+
+class PolicyServer(WebSocketServer):
+    """A policy behind openpi's wire; what is wrong is told as openpi does, and ends the session."""
+
+    def converse(self, connection: ServerConnection, seat: Seat) -> None:
+        declared = Declaration(
+            model=self.model, observation=everything(), max_sessions=self.sessions
+        )
+        connection.send(arrays.pack(declared.message()))
+        session = Session(seat.process)
         try:
-            seat = self._free.get(timeout=SEAT_LIMIT)
-        except Empty:
-            yield None
-            return
-        try:
-            yield seat
-        finally:
-            self._free.put(seat)
+            while True:
+                message = arrays.unpack(binary(connection.recv(timeout=IDLE_LIMIT)))
+                reply = seat.call(partial(session.answer, message), wanted=still(connection))
+                connection.send(arrays.pack(reply))
+        except BAD as error:
+            connection.send(str(error))
+            connection.close(FAILED, "failed")
+
+
+def is_key(shown: str, key: str | None) -> bool:
+    """True if an Authorization header shows the key, or none is asked for."""
+    return not key or hmac.compare_digest(_bytes(shown), _bytes(f"Api-Key {key}"))
+
+
+def binary(frame: str | bytes) -> bytes:
+    """A frame's bytes.
+
+    Raises:
+        BadRequest: it is a text.
+    """
+    if isinstance(frame, str):
+        raise BadRequest("a text; expected a binary frame")
+    return frame
+
+
+def still(connection: ServerConnection) -> Callable[[], bool]:
+    """True as long as somebody waits for an answer."""
+    return lambda: connection.protocol.state is State.OPEN
 
 
 def _bytes(text: str) -> bytes:
     return text.encode(errors="surrogateescape")
-
-
-def _converse(connection: ServerConnection, seat: Seat) -> None:
-    """Answers until the client is gone, idle or wrong; what is wrong is told as openpi does."""
-    session = Session(seat.process)
-    try:
-        while True:
-            frame = connection.recv(timeout=IDLE_LIMIT)
-            if isinstance(frame, str):
-                raise BadRequest("a text; expected a binary frame")
-            answer = partial(session.answer, arrays.unpack(frame))
-            reply = seat.call(answer, wanted=lambda: connection.protocol.state is State.OPEN)
-            connection.send(arrays.pack(reply))
-    except TimeoutError:
-        connection.close(TRY_AGAIN, "idle")
-    except (BadRequest, BadObservation, arrays.BadMessage, PolicyFailure) as error:
-        connection.send(str(error))
-        connection.close(FAILED, "failed")

@@ -93,8 +93,17 @@ def pack(kind: str, payload: Mapping[str, Any]) -> tuple[int, bytes]:
         BadMessage: it cannot be sent.
     """
     seq = secrets.randbits(53)  # what a double can hold
+    return seq, packed(kind, payload, seq)
+
+
+def packed(kind: str, payload: Mapping[str, Any], seq: int) -> bytes:
+    """A message of that type and number.
+
+    Raises:
+        BadMessage: it cannot be sent.
+    """
     message = {"type": kind, "payload": payload, "seq": seq, "timestamp": 0.0}
-    return seq, arrays.write(message, _packed)
+    return arrays.write(message, _packed)
 
 
 def _packed(value: object) -> Any:

@@ -22,7 +22,7 @@ from tests.workers.remote.test_maps import observation
 from tests.workers.test_policy_process import POLICIES
 from workers.policies import Hosted, Surroundings
 from workers.protocol import RemotePolicy
-from workers.remote import arrays, serving
+from workers.remote import arrays, seats, serving
 from workers.remote.client import BadServer, PeerError
 from workers.remote.maps import Declaration, everything
 from workers.remote.observations import told
@@ -93,7 +93,7 @@ def test_sessions_share_nothing() -> None:
 def test_a_session_too_many_is_sent_away_and_comes_when_there_is_room(
     stays: str, monkeypatch
 ) -> None:
-    monkeypatch.setattr(serving, "SEAT_LIMIT", 0.2)
+    monkeypatch.setattr(seats, "SEAT_LIMIT", 0.2)
     with closing(client(stays)) as one, closing(client(stays)) as other:
         one.open()
         with pytest.raises(BadServer, match=r"1013.*all sessions are taken"):
