@@ -30,6 +30,15 @@ FAILURES = {
     Failure.POLICY_TIMEOUT: "The policy did not answer in time.",
 }
 
+CHECKS = {  # of workers.preflight.Check, and what the page of an upload adds
+    "hash": "SHA-256 is the same here and on the server",
+    "conversion": "converted from a file of torch.save",
+    "header": "header, names, shapes and types of the file",
+    "load": "loaded in the sandbox",
+    "decision": "asked for a decision",
+    "repetition": "asked the same again",
+}
+
 OUTCOMES = {
     MotionOutcome.ARRIVED: "arrived",
     MotionOutcome.BLOCKED: "blocked on the way",
