@@ -18,6 +18,7 @@ from web import (
     routes_episodes,
     routes_evaluations,
     routes_leaderboard,
+    routes_people,
     routes_policies,
     routes_snapshots,
     routes_tasks,
@@ -41,6 +42,7 @@ ROUTES = (
     routes_viewer,
     routes_account,
     routes_webhooks,
+    routes_people,
 )
 
 

@@ -154,7 +154,7 @@ def test_another_file_is_not_taken_for_the_one_that_was_begun(
             assert session.query(Upload).count() == 0
 
 
-def test_a_refusal_shows_every_step_and_why(app: FastAPI, address: str, browser: Browser) -> None:
+def test_a_refusal_shows_every_step_and_why(address: str, browser: Browser) -> None:
     context = browser.new_context()
     page = context.new_page()
 
