@@ -33,8 +33,8 @@ FAILURES = {
 CHECKS = {  # of workers.preflight.Check, and what the page of an upload adds
     "hash": "SHA-256 is the same here and on the server",
     "conversion": "converted from a file of torch.save",
-    "header": "header, names, shapes and types of the file",
-    "load": "loaded in the sandbox",
+    "header": "header of the file: sizes, types, offsets",
+    "load": "loaded in the sandbox: names, shapes, numbers",
     "decision": "asked for a decision",
     "repetition": "asked the same again",
 }
