@@ -42,7 +42,7 @@ form.addEventListener("submit", (event) => {
 form.addEventListener("change", () => {
   if (now.running) return;
   now.sending = null;
-  goOn.hidden = true;
+  offer(false);
 });
 document.addEventListener("click", (event) => {
   const button = /** @type {HTMLElement} */ (event.target).closest?.("[data-unfinished]");
@@ -112,7 +112,7 @@ function checked(version) {
  */
 async function kept(version, sha256) {
   expected = null;
-  showChecks(steps, [sameHash(sha256), ...version.checks]);
+  showChecks(steps, [...sameHash(sha256), ...version.checks]);
   form.reset();
   const chosen = await refresh(version.id);
   const where = chosen ? "and chosen below" : "load the page again to choose it";
@@ -127,7 +127,7 @@ async function kept(version, sha256) {
 /** @param {unknown} error */
 async function failed(error) {
   if (error instanceof Paused) {
-    goOn.hidden = !now.sending;
+    offer(Boolean(now.sending));
     say(now.sending ? "Paused; what came is kept." : "Stopped; nothing was sent.");
     (now.sending ? goOn : send).focus();
   } else if (error instanceof Refused) {
@@ -209,7 +209,13 @@ function busy(running) {
   Object.assign(now, { running, stopped: false });
   send.disabled = running;
   pause.hidden = bar.hidden = !running;
-  if (running) goOn.hidden = true;
+  if (running) offer(false);
+}
+
+/** Offers to go on, in place of a beginning. @param {boolean} paused */
+function offer(paused) {
+  goOn.hidden = !paused;
+  send.hidden = paused;
 }
 
 /** What is wrong with the file. @param {string} message */
@@ -229,7 +235,7 @@ function show(refused) {
     form.querySelector(`[aria-describedby="${place.id}"]`)?.setAttribute("aria-invalid", "true");
   }
   said.textContent = "";
-  const came = checks.length && now.sending ? [sameHash(now.sending.about.sha256)] : [];
+  const came = checks.length && now.sending ? sameHash(now.sending.about.sha256) : [];
   showChecks(steps, [...came, ...checks]);
   alert.textContent = placed ? "The checkpoint was not taken." : refused.message;
   alert.hidden = false;

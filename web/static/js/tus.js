@@ -176,6 +176,7 @@ export async function finish(path, name, sha256) {
 
 /** The policy's newest version, if it plays this file. @param {string} name @param {string} sha256 */
 async function versionOf(name, sha256) {
+  if (!sha256) return null;
   const answer = await ask("GET", `/api/v1/policies/${encodeURIComponent(name)}`).catch(() => null);
   const newest = answer && (await answer.json());
   const converted = newest?.checks.some((one) => one.detail.includes(sha256));
