@@ -31,7 +31,7 @@ FAILURES = {
 }
 
 CHECKS = {  # of workers.preflight.Check, and what the page of an upload adds
-    "hash": "SHA-256 is the same here and on the server",
+    "hash": "SHA-256 of what came is the sender's",
     "conversion": "converted from a file of torch.save",
     "header": "header of the file: sizes, types, offsets",
     "load": "loaded in the sandbox: names, shapes, numbers",

@@ -164,7 +164,7 @@ def test_a_refusal_shows_every_step_and_why(address: str, browser: Browser) -> N
     steps = page.locator("#upload .checks li")
     assert [steps.nth(n).get_attribute("class") for n in range(3)] == ["passed", "passed", "failed"]
     assert steps.count() == 3
-    assert "SHA-256 is the same" in steps.nth(0).inner_text()
+    assert "SHA-256 of what came is the sender's" in steps.nth(0).inner_text()
     assert "tensor " in steps.nth(2).inner_text()
     assert "cannot be loaded" in page.inner_text("#file-error")
     context.close()
