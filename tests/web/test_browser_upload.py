@@ -76,6 +76,7 @@ def came(app: FastAPI) -> bytes:
 
 def throttle(wire: CDPSession, speed: int) -> None:
     """Lets the page send so many bytes in a second; -1: as many as it can."""
+    wire.send("Network.enable")
     rule = {"offline": False, "latency": 0, "downloadThroughput": -1, "uploadThroughput": speed}
     wire.send("Network.emulateNetworkConditions", rule)
 
@@ -110,7 +111,7 @@ def test_an_upload_is_paused_left_and_taken_up_by_another_page(
     wire = context.new_cdp_session(page)
     throttle(wire, SLOW)
     begin(page, address)
-    page.wait_for_selector("#upload [role=status]:has-text('Sending')", timeout=60_000)
+    page.wait_for_selector("#upload [role=status]:has-text('Sending')", timeout=120_000)
     page.wait_for_timeout(1500)
 
     page.click("text=Pause")
@@ -124,7 +125,7 @@ def test_an_upload_is_paused_left_and_taken_up_by_another_page(
     assert page.input_value("#name") == "far"
     assert page.evaluate("document.activeElement.id") == "file"
     choose(page)
-    page.wait_for_selector("#upload [role=alert]:visible", timeout=60_000)
+    page.wait_for_selector("#upload [role=alert]:visible", timeout=120_000)
 
     assert 0 < had < len(CONTENT)
     assert sent[0] >= had
@@ -144,7 +145,7 @@ def test_another_file_is_not_taken_for_the_one_that_was_begun(
         page.goto(f"{address}/evaluations/new")
         page.click("#unfinished [data-unfinished=choose]")
         choose(page, CONTENT[::-1])
-        page.wait_for_selector("#upload [role=alert]:visible", timeout=60_000)
+        page.wait_for_selector("#upload [role=alert]:visible", timeout=120_000)
 
         assert f"whose SHA-256 is {SHA256[:12]}" in page.inner_text("#file-error")
         assert the_upload(app).sha256 == SHA256
