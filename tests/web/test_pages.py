@@ -269,7 +269,7 @@ def test_a_comparison_shows_the_figures_of_the_api(client: TestClient) -> None:
     text = page(client, path)
 
     counts = found["overall"]["table"]
-    row = text.partition('all 15</th>')[2].partition("</tr>")[0]
+    row = text.partition("all 15</th>")[2].partition("</tr>")[0]
     assert f"<td>{counts['only_a']}</td>" in row and f"<td>{counts['only_b']}</td>" in row
     assert f"<b>{100 * found['overall']['difference']:+.0f}</b>".replace("-", "−") in row
     for one in found["discordant"][:3]:
