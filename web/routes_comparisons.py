@@ -31,7 +31,8 @@ def show_comparison(
     verdict: Annotated[Verdict, Query()] = "success",
 ) -> HTMLResponse:
     """The form, and the comparison that the address asks for, or why there is none."""
-    found, problem = None, None
+    found: Comparison | None = None
+    problem: Problem | None = None
     if a and b:
         try:
             found = compared(session, a.strip(), b.strip(), split, verdict)
