@@ -13,11 +13,17 @@ import server.app
 from server.settings import Settings
 from web import (
     routes_account,
+    routes_batches,
+    routes_comparisons,
     routes_episodes,
     routes_evaluations,
     routes_leaderboard,
+    routes_people,
+    routes_policies,
+    routes_snapshots,
     routes_tasks,
     routes_viewer,
+    routes_webhooks,
 )
 from web.errors import show_error_pages
 from web.security import SecurityHeaders
@@ -26,11 +32,17 @@ from web.viewer_assets import ViewerAssets
 
 ROUTES = (
     routes_leaderboard,
+    routes_snapshots,
+    routes_comparisons,
     routes_evaluations,
+    routes_batches,
+    routes_policies,
     routes_episodes,
     routes_tasks,
     routes_viewer,
     routes_account,
+    routes_webhooks,
+    routes_people,
 )
 
 

@@ -59,7 +59,8 @@ def sign_in(
     """Lets a browser in, or says why not."""
     expected = csrf_of(request.cookies.get(_form_cookie(hub), ""))
     if not hmac.compare_digest(csrf.encode(), expected.encode()):
-        return _form(request, hub, next, "The form was too old; try again.", status=403)
+        too_old = "The form was too old; try again."
+        return _form(request, hub, next, too_old, name=name, status=403)
     local = hub.settings.auth == "local"
     return _try(request, hub, users.OWNER if local else name, password, next)
 
@@ -68,8 +69,8 @@ def _try(request: Request, hub: Hub, name: str, password: str, next: str) -> Res
     try:
         return _enter(request, hub, name, password, next)
     except Problem as problem:
-        headers = problem.headers
-        return _form(request, hub, next, problem.detail, status=problem.status, headers=headers)
+        status, headers = problem.status, problem.headers
+        return _form(request, hub, next, problem.detail, name=name, status=status, headers=headers)
 
 
 def _enter(request: Request, hub: Hub, name: str, password: str, next: str) -> Response:
@@ -103,6 +104,7 @@ def _form(
     next: str,
     problem: str = "",
     *,
+    name: str = "",
     status: int = 200,
     headers: dict[str, str] | None = None,
 ) -> Response:
@@ -110,6 +112,7 @@ def _form(
     shown = {
         "next": own_path(next),
         "problem": problem,
+        "name": name,
         "csrf": csrf_of(secret),
         "local": hub.settings.auth == "local",
     }

@@ -11,8 +11,9 @@ from sqlalchemy.orm import Session
 from hide_tasks.contract import Category, Failure
 from server import episodes, evaluations, policies, tasks
 from server.access import Router, Scope, needs
-from server.deps import Reading, TheHub
+from server.deps import Reading, TheHub, ThePrincipal
 from server.paging import MOST
+from server.routes.uploads import list_uploads
 from server.schemas import AttemptPublic, EpisodePublic, FailureGroup, RatePublic, Verdicts
 from server.states import ENDED, AttemptState, EvaluationState
 from web.filters import EMPTY_IS_NONE, Filters
@@ -55,6 +56,7 @@ def show_form(
     request: Request,
     session: Reading,
     hub: TheHub,
+    principal: ThePrincipal,
     policy: str | None = None,
     upload: bool = False,
 ) -> HTMLResponse:
@@ -65,6 +67,7 @@ def show_form(
     )
     shown = {
         "upload": upload,
+        "unfinished": list_uploads(session, hub, principal),
         "limit": hub.settings.checkpoint_limit,
         "reserved": BUILTIN,
         "versions": versions,

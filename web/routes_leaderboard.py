@@ -1,7 +1,7 @@
 """The leaderboard: policies against tasks."""
 
 from collections.abc import Sequence
-from typing import Annotated
+from typing import Annotated, Any
 
 from fastapi import Query, Request
 from fastapi.responses import HTMLResponse, Response
@@ -11,7 +11,7 @@ from hide_tasks.contract import Category, Split
 from server import evaluations, leaderboard
 from server.access import Gate, Router, Scope, needs
 from server.deps import Reading
-from server.schemas import LeaderboardColumn, Verdict
+from server.schemas import Leaderboard, LeaderboardColumn, Verdict
 from web.templating import STATIC, page
 
 router = Router(include_in_schema=False)
@@ -30,15 +30,22 @@ def show_leaderboard(
     """Complete evaluations of the whole suite, best first."""
     board = leaderboard.leaderboard(session, split=split, verdict=verdict)
     shown = {
-        "board": board,
-        "other": "exact" if verdict == "success" else "success",
+        **board_of(board),
         "splits": SHOWN_SPLITS,
-        "groups": groups(board.columns),
-        "ranked": [row for row in board.rows if not row.reference],
-        "references": [row for row in board.rows if row.reference],
         "under_way": evaluations.listed(session, limit=5).items if not board.rows else [],
     }
     return page(request, "leaderboard.html", shown)
+
+
+def board_of(board: Leaderboard) -> dict[str, Any]:
+    """What board.html wants."""
+    return {
+        "board": board,
+        "other": "exact" if board.verdict == "success" else "success",
+        "groups": groups(board.columns),
+        "ranked": [row for row in board.rows if not row.reference],
+        "references": [row for row in board.rows if row.reference],
+    }
 
 
 def groups(

@@ -77,6 +77,7 @@ ENVIRONMENT.globals.update(
     rate_bar=charts.rate_bar,
     progress_bar=charts.progress_bar,
     CATEGORIES=wording.CATEGORIES,
+    CHECKS=wording.CHECKS,
     FAILURES=wording.FAILURES,
     OUTCOMES=wording.OUTCOMES,
     verdict_of=wording.verdict,

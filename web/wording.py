@@ -30,6 +30,15 @@ FAILURES = {
     Failure.POLICY_TIMEOUT: "The policy did not answer in time.",
 }
 
+CHECKS = {  # of workers.preflight.Check, and what the page of an upload adds
+    "hash": "SHA-256 of what came is the sender's",
+    "conversion": "converted from a file of torch.save",
+    "header": "header of the file: sizes, types, offsets",
+    "load": "loaded in the sandbox: names, shapes, numbers",
+    "decision": "asked for a decision",
+    "repetition": "asked the same again",
+}
+
 OUTCOMES = {
     MotionOutcome.ARRIVED: "arrived",
     MotionOutcome.BLOCKED: "blocked on the way",

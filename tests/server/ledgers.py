@@ -3,7 +3,7 @@
 import base64
 import hashlib
 import io
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -33,6 +33,7 @@ from server.db import Database
 from server.models import Attempt, Episode, Evaluation, Shard
 from server.schemas import EvaluationCreate
 from server.settings import LEDGER
+from workers.preflight import Check
 from workers.protocol import (
     EpisodeCommit,
     HiddenChange,
@@ -102,12 +103,14 @@ def registered(database: Database, name: str) -> str:
         return policies.register(session, name, spec).id
 
 
-def uploaded(database: Database, store: Blobs, name: str, content: bytes) -> str:
+def uploaded(
+    database: Database, store: Blobs, name: str, content: bytes, checks: Sequence[Check] = ()
+) -> str:
     """A policy of somebody's that is a checkpoint, of which nothing is looked at; its id."""
     received = Received(Path(), store.put(content), len(content))
+    about = {"name": name, "description": "", "model": "seek-small"}
     with database.writing() as session:
-        kept = checkpoints.keep(session, received, name=name, description="", model="seek-small")
-        return kept.id
+        return checkpoints.keep(session, received, checks=checks, **about).id
 
 
 def created(session: Session, policy: str = "expert", **wanted: Any) -> Evaluation:

@@ -4,7 +4,9 @@ import warnings
 from collections.abc import Iterator
 
 import pytest
+from playwright.sync_api import Browser, sync_playwright
 
+from tests.chromium import CHROMIUM, FLAGS
 from tests.web import sites
 
 with warnings.catch_warnings():
@@ -25,3 +27,11 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[sites.Site]:
 def client(site: sites.Site) -> TestClient:
     """A client of the site; what the server raises becomes its answer."""
     return TestClient(site.app, base_url="http://127.0.0.1", raise_server_exceptions=False)
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    with sync_playwright() as playwright:
+        started = playwright.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
+        yield started
+        started.close()

@@ -9,20 +9,30 @@ from fastapi import FastAPI
 from sqlalchemy.orm import Session
 
 from hide_tasks.contract import Belief, EpisodeSpec, Failure
-from server import lifecycle
+from server import batches, lifecycle, snapshots, webhooks
 from server.commit import commit
 from server.hub import Hub
-from server.models import Attempt, Evaluation, Shard
+from server.models import Attempt, Evaluation, Shard, now
+from server.problems import invalid
 from server.settings import Settings
+from server.states import WebhookEvent
+from server.webhooks import Outcome
 from tests.server import ledgers
 from web.app import create_app
 from workers.hidden_trace import HiddenTrace
 from workers.policies import BuiltIn
+from workers.preflight import Check
 from workers.protocol import EpisodeCommit, measured_digest
 from workers.simulator import EpisodeJob, play_once
 
 KILLED = "The worker's process was killed (SIGKILL)."
 NASTY = "<script>alert('detail')</script>"
+SMALL = {"policy": "mine", "tasks": ["search_drawer"], "episodes": 2}
+TRIED = (
+    Check(name="header", outcome="passed", seconds=0.0, detail="seek-small, 214 tensors"),
+    Check(name="load", outcome="passed", seconds=3.42),
+    Check(name="repetition", outcome="noted", seconds=0.2, detail=NASTY),
+)
 
 
 @dataclass(frozen=True)
@@ -36,6 +46,9 @@ class Site:
     incomplete: str
     cancelled: str
     recorded: str  # one episode, played by the expert, with its recording
+    checkpoint: str  # a policy's version
+    batch: str  # one evaluation, one refusal, and one item that is not dealt with
+    webhook: str
 
     @property
     def hub(self) -> Hub:
@@ -67,7 +80,7 @@ def filled(app: FastAPI, recordings: Path) -> Site:
     ledgers.evaluated(database, store, "expert")
     for name in ("mine", "slow", "broken", "late"):
         ledgers.registered(database, name)
-    ledgers.uploaded(database, store, "seek", b"weights")
+    checkpoint = ledgers.uploaded(database, store, "seek", b"weights", TRIED)
     completed = ledgers.evaluated(database, store, "mine", every_outcome())
     recorded = _recorded(hub, recordings)
     cancelled = _begun(hub, "slow")
@@ -81,7 +94,31 @@ def filled(app: FastAPI, recordings: Path) -> Site:
         attempt, shard = taken(session)
         lifecycle.begin(session, attempt, lifecycle.open_episodes(shard)[0])
         queued = ledgers.created(session, "mine").id
-    return Site(app, completed, running, queued, incomplete, cancelled, recorded)
+    states = (completed, running, queued, incomplete, cancelled, recorded)
+    return Site(app, *states, checkpoint, *_asked_for(hub))
+
+
+def _asked_for(hub: Hub) -> tuple[str, str]:
+    """A batch and a webhook with a failed delivery, both the owner's; and a snapshot."""
+    owner = hub.owner.user
+    with hub.database.writing() as session:
+        snapshots.keep(session, snapshots.content(session, "test"), "test", note=NASTY)
+        items = [SMALL, {"policy": NASTY}, SMALL]
+        batch = batches.begun(session, items, None, owner)
+        batches.accept(batch, ledgers.created(session, **SMALL))
+        batches.refuse(batch, invalid("policy", f"no policy '{NASTY}'"))
+        hook = webhooks.create(
+            session,
+            owner,
+            url="https://lab.example.org/hide",
+            events=list(WebhookEvent),
+            everybodys=False,
+            description=NASTY,
+        )
+        failed = webhooks.add(session, hook, WebhookEvent.TRIAL, {"said": NASTY}, time=now())
+        session.flush()
+        webhooks.note(failed, Outcome(status=410), now())
+        return batch.id, hook.id
 
 
 def taken(session: Session) -> tuple[Attempt, Shard]:

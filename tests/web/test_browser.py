@@ -1,30 +1,25 @@
 """The pages in a real browser: whole at every width, quiet, and the replay in step."""
 
-import socket
 import threading
-import time
 from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 import httpx
 import pytest
-import uvicorn
-from playwright.sync_api import Browser, Page, Request, sync_playwright
+from playwright.sync_api import Browser, Page
 
 from server import lifecycle
 from server.commit import commit
 from server.models import Attempt, Episode
 from server.states import EpisodeState
-from tests.chromium import CHROMIUM, FLAGS
+from tests.chromium import CHROMIUM
 from tests.seek_model.checkpoints import tiny_checkpoint
 from tests.server import ledgers
 from tests.web import sites
+from tests.web.browsing import WIDTHS, opened, serving, until
 from tests.web.sites import Site
 from workers.protocol import INTERNAL
 
-WIDTHS = {"desk": 1440, "phone": 390}
 STATE = """async () => {
     const state = await document.querySelector("#viewer").viewer?.get_state();
     const plain = (_, value) => typeof value === "bigint" ? Number(value) : value;
@@ -42,60 +37,8 @@ pytestmark = [
 def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Site, str]]:
     """A filled site on a port of its own, and its address."""
     app = sites.empty(tmp_path_factory.mktemp("site"))
-    server = uvicorn.Server(uvicorn.Config(app, log_config=None, timeout_graceful_shutdown=1))
-    with socket.socket() as listening:
-        listening.bind(("127.0.0.1", 0))
-        listening.listen()
-        thread = threading.Thread(target=server.run, kwargs={"sockets": [listening]})
-        thread.start()
-        try:
-            while not server.started:  # what runs before that is taken back
-                assert thread.is_alive(), "the server did not start"
-                time.sleep(0.01)
-            site = sites.filled(app, tmp_path_factory.mktemp("recordings"))
-            yield site, f"http://127.0.0.1:{listening.getsockname()[1]}"
-        finally:
-            app.state.hub.bell.close()
-            server.should_exit = True
-            thread.join(timeout=20)
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    with sync_playwright() as playwright:
-        started = playwright.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
-        yield started
-        started.close()
-
-
-@contextmanager
-def opened(browser: Browser, address: str, width: int = 1000, **options: Any) -> Iterator[Page]:
-    """A page that may neither complain nor ask anybody else."""
-    context = browser.new_context(viewport={"width": width, "height": 800}, **options)
-    page = context.new_page()
-    complaints: list[str] = []
-
-    def asked(request: Request) -> None:
-        if not request.url.startswith((address, "data:")):
-            complaints.append(f"asked {request.url}")
-
-    page.on("console", lambda said: said.type == "error" and complaints.append(said.text))
-    page.on("pageerror", lambda error: complaints.append(str(error)))
-    page.on("request", asked)
-    try:
-        yield page
-        assert complaints == []
-    finally:
-        context.close()
-
-
-def until(page: Page, condition: str, seconds: float = 90) -> Any:
-    """What an expression gives as soon as it gives something; a CSP forbids wait_for_function."""
-    deadline = time.monotonic() + seconds
-    while not (found := page.evaluate(condition)):
-        assert time.monotonic() < deadline, f"{condition} did not come true in {seconds:.0f} s"
-        page.wait_for_timeout(100)
-    return found
+    with serving(app) as address:
+        yield sites.filled(app, tmp_path_factory.mktemp("recordings")), address
 
 
 def paths(site: Site) -> list[str]:
@@ -111,6 +54,15 @@ def paths(site: Site) -> list[str]:
         *(f"/evaluations/{id}" for id in (site.completed, site.running, site.incomplete)),
         f"/evaluations/{site.completed}/failures?task=search_drawer",
         f"/episodes/{pending}",
+        f"/policies/{site.checkpoint}",
+        "/batches",
+        f"/batches/{site.batch}",
+        "/comparisons?a=mine&b=expert",
+        "/snapshots",
+        "/snapshots/1",
+        "/account",
+        "/account/webhooks",
+        f"/account/webhooks/{site.webhook}",
     ]
 
 

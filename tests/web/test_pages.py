@@ -1,6 +1,7 @@
 """Pages, rendered from a real ledger: what stands on them and where they lead."""
 
 import hashlib
+import json
 import re
 from collections import defaultdict
 from html import unescape
@@ -12,6 +13,7 @@ from fastapi.testclient import TestClient
 from hide_tasks import ALL_TASKS, load
 from hide_tasks.certificates import committed
 from hide_tasks.contract import Failure
+from server import snapshots, uploads
 from server.states import EpisodeState
 from tests.server import ledgers
 from tests.web import sites
@@ -19,6 +21,9 @@ from tests.web.sites import Site
 from web.wording import FAILURES, OUTCOMES, words
 
 WHOLE = ["/", "/?verdict=exact", "/?split=val", "/evaluations", "/evaluations/new", "/tasks"]
+WHOLE += ["/policies/mine", "/policies/expert@1", "/batches", "/snapshots", "/snapshots/1"]
+WHOLE += ["/snapshots/1?verdict=exact", "/comparisons", "/comparisons?a=mine&b=expert"]
+WHOLE += ["/account", "/account/webhooks"]
 STATES = ["completed", "running", "queued", "incomplete", "cancelled", "recorded"]
 
 
@@ -43,6 +48,8 @@ def every_page(site: Site) -> list[str]:
         paths += [f"/evaluations/{evaluation}", f"/evaluations/{evaluation}/failures"]
     for state in EpisodeState:
         paths.append(f"/episodes/{site.episodes(site.running, state=state)[0]}")
+    paths += [f"/policies/{site.checkpoint}", f"/batches/{site.batch}"]
+    paths += [f"/account/webhooks/{site.webhook}"]
     paths += [f"/episodes/{id}" for id in site.episodes(site.recorded)]
     paths += [
         f"/episodes/{site.episodes(site.completed, failure=failure)[0]}" for failure in Failure
@@ -67,7 +74,7 @@ def test_every_link_leads_somewhere(client: TestClient, site: Site) -> None:
     for link in sorted(found):
         shapes[re.sub(r"[a-z]{2}_[0-9A-Z]{26}", "id", link)].append(link.partition("#")[0])
 
-    some = {link for alike in shapes.values() for link in alike[:2] if link}
+    some = {link for alike in shapes.values() for link in alike[:2] if link.startswith("/")}
     broken = [link for link in sorted(some) if client.get(link).status_code != 200]
 
     assert broken == []
@@ -194,6 +201,118 @@ def test_the_form_of_an_upload_knows_what_is_refused(client: TestClient, site: S
     assert '<details class="upload" open>' in text
     assert f'data-limit="{site.hub.settings.checkpoint_limit}"' in text
     assert "(?!(expert|amnesiac|random|noop)$)" in text
+
+
+# --- policies ---
+
+
+def test_a_policy_says_what_was_tried_of_it_and_how_it_did(client: TestClient, site: Site) -> None:
+    text = page(client, f"/policies/{site.checkpoint}")
+
+    steps = re.findall(r'<li class="(\w+)"><b>([^<]+)</b> <span>([^<]+)</span>', text)
+    assert [step[0] for step in steps] == ["passed", "passed", "noted"]
+    assert steps[1][1:] == (
+        "loaded in the sandbox: names, shapes, numbers",
+        "passed in 3.42\u202fs",
+    )
+    assert "seek-small, 214 tensors" in text and sites.NASTY in unescape(text)
+    assert hashlib.sha256(b"weights").hexdigest() in text
+    assert f'href="/evaluations/{site.completed}"' in page(client, "/policies/mine")
+
+
+@pytest.mark.parametrize("named", ["seek", "seek@1"])
+def test_a_policy_is_found_by_its_name(client: TestClient, named: str) -> None:
+    assert '<h1>seek<span class="version">@1</span></h1>' in page(client, f"/policies/{named}")
+
+
+def test_uploads_that_are_not_done_are_offered_again(client: TestClient, site: Site) -> None:
+    hub = site.hub
+    with hub.database.writing() as session:
+        about = {"name": "far", "description": "", "sha256": "0" * 64}
+        part, whole = (
+            uploads.create(session, hub.owner.user, length=n, **about) for n in (100, 40)
+        )
+    try:
+        for row in (part, whole):
+            hub.uploads.of(row.id).path.write_bytes(b"x" * 40)
+
+        text = page(client, "/evaluations/new")
+
+        assert '<details class="upload" open>' in text
+        for row, button in ((part, "choose"), (whole, "finish")):
+            offered = text.partition(f'data-upload="{row.id}"')[2].partition("</li>")[0]
+            found = re.findall(r'data-unfinished="(\w+)"', offered)
+            assert found == [button, "forget"]
+    finally:
+        for row in (part, whole):
+            client.delete(f"/api/v1/uploads/{row.id}", headers={"Tus-Resumable": "1.0.0"})
+
+
+# --- batches, comparisons, snapshots ---
+
+
+def test_a_batch_shows_what_was_accepted_refused_and_broken_off(
+    client: TestClient, site: Site
+) -> None:
+    text = unescape(page(client, f"/batches/{site.batch}"))
+
+    assert len(re.findall(r'href="/evaluations/ev_', text)) == 1
+    assert f"policy: no policy '{sites.NASTY}'" in text
+    assert "of 1 nothing has become" in text
+    assert f'href="/batches/{site.batch}"' in page(client, "/batches")
+
+
+def test_a_comparison_shows_the_figures_of_the_api(client: TestClient) -> None:
+    path = "/comparisons?a=mine&b=expert&verdict=exact"
+    found = client.get(f"/api/v1{path}").json()
+
+    text = page(client, path)
+
+    counts = found["overall"]["table"]
+    row = text.partition("all 15</th>")[2].partition("</tr>")[0]
+    assert f"<td>{counts['only_a']}</td>" in row and f"<td>{counts['only_b']}</td>" in row
+    assert f"<b>{100 * found['overall']['difference']:+.0f}</b>".replace("-", "−") in row
+    for one in found["discordant"][:3]:
+        assert f'href="/episodes/{one["a"]}"' in text and f'href="/episodes/{one["b"]}"' in text
+    assert text.count('<tr><th scope="row"><abbr class="category') == len(ALL_TASKS)
+
+
+@pytest.mark.parametrize(
+    ("asked", "status", "said"),
+    [("a=mine&b=nobody", 422, "no policy 'nobody'"), ("a=mine&b=late", 422, "has no completed")],
+)
+def test_what_cannot_be_compared_is_said_above_the_form(
+    client: TestClient, asked: str, status: int, said: str
+) -> None:
+    text = unescape(page(client, f"/comparisons?{asked}", status))
+
+    assert said in text
+    assert 'name="a" value="mine"' in text
+
+
+def test_a_snapshot_shows_what_was_kept_and_its_hash(client: TestClient, site: Site) -> None:
+    with site.hub.database.reading() as session:
+        row = snapshots.find(session, "1")
+    kept = json.loads(row.content)["leaderboards"]["success"]["rows"]
+
+    text = page(client, "/snapshots/1")
+
+    assert row.sha256 in text
+    assert all(f'href="/evaluations/{one["evaluation"]}"' in text for one in kept)
+    assert sites.NASTY not in text and sites.NASTY in unescape(text)
+    [content] = [link for link in links(text) if link.endswith("/content.json")]
+    assert hashlib.sha256(client.get(content).content).hexdigest() == row.sha256
+
+
+def test_the_leaderboard_is_kept_by_a_form_and_twice_is_once(client: TestClient) -> None:
+    answers = [
+        client.post("/snapshots", data={"split": "test"}, follow_redirects=False) for _ in range(2)
+    ]
+    empty = client.post("/snapshots", data={"split": "train"})
+
+    assert {one.status_code for one in answers} == {303}
+    assert len({one.headers["location"] for one in answers}) == 1
+    assert empty.status_code == 409 and "No policy has a whole evaluation" in empty.text
 
 
 # --- failures ---

@@ -2,7 +2,8 @@
 
 /**
  * @typedef {{field: string, message: string}} FieldError
- * @typedef {{title: string, status: number, detail?: string, errors?: FieldError[]}} Problem
+ * @typedef {{name: string, outcome: string, seconds: number, detail: string}} Check
+ * @typedef {{title: string, status: number, detail?: string, errors?: FieldError[], checks?: Check[]}} Problem
  */
 
 /** A request that was refused; `problem` says why. */
@@ -15,6 +16,32 @@ export class Refused extends Error {
 }
 
 /**
+ * The answer to a request.
+ * @param {string} method
+ * @param {string} path
+ * @param {{headers?: Record<string, string>, body?: BodyInit}} [sent]
+ * @returns {Promise<Response>}
+ * @throws {Refused}
+ */
+export async function ask(method, path, { headers = {}, body } = {}) {
+  let response;
+  try {
+    const known = { Accept: "application/json", ...ownPage(), ...headers };
+    response = await fetch(path, { method, headers: known, body });
+  } catch {
+    throw unreachable();
+  }
+  if (response.ok) return response;
+  const kind = response.headers.get("Content-Type");
+  throw new Refused(problemIn(kind, await response.text(), response.status));
+}
+
+/** What is said when no answer comes; its status is 0. */
+export function unreachable() {
+  return new Refused({ title: "The server cannot be reached.", status: 0 });
+}
+
+/**
  * The answer to a POST of JSON.
  * @param {string} path
  * @param {object} [body]
@@ -22,19 +49,9 @@ export class Refused extends Error {
  * @throws {Refused}
  */
 export async function post(path, body) {
-  let response;
-  try {
-    response = await fetch(path, {
-      method: "POST",
-      headers: { "Content-Type": "application/json", Accept: "application/json", ...ownPage() },
-      body: body === undefined ? undefined : JSON.stringify(body),
-    });
-  } catch {
-    throw new Refused({ title: "The server cannot be reached.", status: 0 });
-  }
-  if (response.ok) return response.json();
-  const kind = response.headers.get("Content-Type");
-  throw new Refused(problemIn(kind, await response.text(), response.status));
+  const headers = { "Content-Type": "application/json" };
+  const sent = body === undefined ? undefined : JSON.stringify(body);
+  return (await ask("POST", path, { headers, body: sent })).json();
 }
 
 /**
@@ -54,6 +71,6 @@ export function ownPage() {
  * @returns {Problem}
  */
 export function problemIn(kind, text, status) {
-  if (kind?.includes("json")) return JSON.parse(text);
+  if (kind?.includes("json") && text) return JSON.parse(text); // an answer to HEAD has no text
   return { title: `The server answered ${status}.`, status };
 }

@@ -1,119 +1,202 @@
-/** The form that uploads a checkpoint: the file is sent as it is, then chosen in the other form. */
-import { ownPage, problemIn, Refused } from "./api.js";
+/** The form that uploads a checkpoint: hashed, sent piece by piece, tried, chosen in the other form. */
+import { Refused } from "./api.js";
+import { sameHash, showChecks } from "./checks.js";
+import { digestOf } from "./hash.js";
+import { finish, forget, Paused, Sending } from "./tus.js";
 
 const form = /** @type {HTMLFormElement} */ (document.getElementById("upload"));
-const send = /** @type {HTMLButtonElement} */ (form.querySelector("[type=submit]"));
-const stop = /** @type {HTMLButtonElement} */ (form.querySelector("[data-stop]"));
-const alert = /** @type {HTMLElement} */ (form.querySelector("[role=alert]"));
-const bar = /** @type {HTMLProgressElement} */ (form.querySelector("progress"));
-const said = /** @type {HTMLElement} */ (form.querySelector("[role=status]"));
+/** @type {(selector: string) => HTMLElement} */
+const part = (selector) => /** @type {HTMLElement} */ (form.querySelector(selector));
+const send = /** @type {HTMLButtonElement} */ (part("[type=submit]"));
+const pause = part("[data-pause]");
+const goOn = part("[data-go-on]");
+const alert = part("[role=alert]");
+const bar = /** @type {HTMLProgressElement} */ (part("progress"));
+const said = part("[role=status]");
+const hashed = part("[data-hash]");
+const steps = part(".checks");
 const MEGABYTE = 1e6;
+const SAY_EVERY = 1000; // ms: whoever listens to the page is told no more often
 
-/** @type {XMLHttpRequest | null} */
-let underWay = null;
+/**
+ * An upload of the form's, or one that is to be gone on with.
+ * @type {{sending: Sending | null, running: boolean, stopped: boolean}}
+ */
+const now = { sending: null, running: false, stopped: false };
+/** @type {{name: string, sha256: string} | null} */
+let expected = null;
+let saidAt = 0;
 
-stop.addEventListener("click", () => underWay?.abort());
-addEventListener("beforeunload", (event) => underWay && event.preventDefault());
-
-form.addEventListener("submit", async (event) => {
+addEventListener("beforeunload", (event) => now.running && event.preventDefault());
+addEventListener("online", () => now.sending?.hurry());
+pause.addEventListener("click", () => {
+  now.stopped = true;
+  now.sending?.pause();
+});
+goOn.addEventListener("click", () => run());
+form.addEventListener("submit", (event) => {
   event.preventDefault();
-  forget();
-  const fields = new FormData(form);
-  const file = /** @type {File} */ (fields.get("file"));
+  now.sending = null;
+  run();
+});
+form.addEventListener("change", () => {
+  if (now.running) return;
+  now.sending = null;
+  offer(false);
+});
+document.addEventListener("click", (event) => {
+  const button = /** @type {HTMLElement} */ (event.target).closest?.("[data-unfinished]");
+  const row = /** @type {HTMLElement | null} */ (button?.closest("[data-upload]") ?? null);
+  if (row) unfinished(row, /** @type {HTMLElement} */ (button).dataset.unfinished);
+});
+
+/** Begins with what the form says, or goes on. */
+async function run() {
+  tidy();
   busy(true);
   try {
-    check(file);
-    const version = await upload(addressOf(fields), file);
-    form.reset();
-    const chosen = await choose(version.id);
-    const where = chosen ? "and chosen below" : "load the page again to choose it";
-    said.textContent = `${version.policy}@${version.version} is kept, ${where}.`;
-    document.getElementById("policy")?.focus();
+    pause.focus();
+    const sending = (now.sending ??= await prepared(new FormData(form)));
+    await sending.send();
+    await kept(await checked(() => sending.version()), sending.about.sha256);
+    now.sending = null;
   } catch (error) {
-    if (!(error instanceof Refused)) throw error;
-    show(error);
+    failed(error);
   } finally {
     busy(false);
   }
-});
+}
 
 /**
+ * The file of the form, hashed.
  * @param {FormData} fields
- * @returns {string}
- */
-function addressOf(fields) {
-  const query = new URLSearchParams();
-  for (const name of ["name", "description"]) query.set(name, String(fields.get(name) ?? ""));
-  return `/api/v1/policies/checkpoints?${query}`;
-}
-
-/**
- * @param {File} file
  * @throws {Refused}
  */
-function check(file) {
+async function prepared(fields) {
+  const file = /** @type {File} */ (fields.get("file"));
   const most = Number(form.dataset.limit);
-  if (!file.size) throw refused("body", "is empty");
-  if (file.size > most) throw refused("body", `is too large: at most ${megabytes(most)} MB are taken`);
-}
-
-/**
- * @param {string} address
- * @param {File} file
- * @returns {Promise<any>}
- * @throws {Refused}
- */
-function upload(address, file) {
-  const request = new XMLHttpRequest(); // fetch does not tell how far it is
-  underWay = request;
-  request.open("POST", address);
-  request.setRequestHeader("Content-Type", "application/octet-stream");
-  for (const [name, value] of Object.entries(ownPage())) request.setRequestHeader(name, value);
-  request.upload.addEventListener("progress", (event) => tell(event.loaded, file.size));
-  request.upload.addEventListener("load", () => tellChecking());
-  return new Promise((resolve, reject) => {
-    request.addEventListener("load", () => {
-      const { status, responseText } = request;
-      if (status < 300) return resolve(JSON.parse(responseText));
-      const kind = request.getResponseHeader("Content-Type");
-      reject(new Refused(problemIn(kind, responseText, status)));
-    });
-    const ended = (why) => () => reject(refused("", why));
-    request.addEventListener("error", ended("The connection to the server broke off."));
-    request.addEventListener("abort", ended("Stopped; nothing was kept."));
-    request.send(file);
+  if (!file.size) throw refused("is empty");
+  if (file.size > most) throw refused(`is too large: at most ${megabytes(most)} MB are taken`);
+  const sha256 = await digestOf(file, (done) => {
+    if (now.stopped) throw new Paused();
+    tell("Hashing: ", done, file.size);
+  });
+  hashed.textContent = `SHA-256 ${sha256}`;
+  const name = String(fields.get("name"));
+  if (expected && expected.name === name && expected.sha256 !== sha256) {
+    const was = `${expected.sha256.slice(0, 12)}…`;
+    throw refused(`is another file than the one that was begun, whose SHA-256 is ${was}; choose that one, or forget it below`);
+  }
+  const about = { name, description: String(fields.get("description")), sha256 };
+  return new Sending(file, about, {
+    progress: (sent) => tell("Sending: ", sent, file.size),
+    trouble: (why, seconds) => say(`${why} Trying again in ${seconds} s; what came is kept.`),
   });
 }
 
 /**
- * The policies as the server shows them now, with this one chosen; the other form stays as it is.
- * @param {string} id
+ * What the server makes of a file that came whole.
+ * @param {() => Promise<any>} version
+ */
+function checked(version) {
+  pause.hidden = true; // it is the server's now
+  bar.removeAttribute("value");
+  say("Sent. The server hashes it, loads it once and asks it for a decision…");
+  return version();
+}
+
+/**
+ * Shows what became of it, and chooses it in the other form.
+ * @param {any} version
+ * @param {string} sha256
+ */
+async function kept(version, sha256) {
+  expected = null;
+  showChecks(steps, [...sameHash(sha256), ...version.checks]);
+  form.reset();
+  const chosen = await refresh(version.id);
+  const where = chosen ? "and chosen below" : "load the page again to choose it";
+  say(`${version.policy}@${version.version} is kept, ${where}. `);
+  const link = document.createElement("a");
+  link.href = `/policies/${version.id}`;
+  link.textContent = "Its page";
+  said.append(link);
+  document.getElementById("policy")?.focus();
+}
+
+/** @param {unknown} error */
+async function failed(error) {
+  if (error instanceof Paused) {
+    offer(Boolean(now.sending));
+    say(now.sending ? "Paused; what came is kept." : "Stopped; nothing was sent.");
+    (now.sending ? goOn : send).focus();
+  } else if (error instanceof Refused) {
+    show(error);
+    const whole = now.sending?.path;
+    now.sending = null;
+    if (whole) await refresh();
+  } else throw error;
+}
+
+/**
+ * What a row of the uploads that are not done is asked to do.
+ * @param {HTMLElement} row
+ * @param {string | undefined} what
+ */
+async function unfinished(row, what) {
+  if (now.running) return;
+  const { upload = "", name = "", sha256 = "" } = row.dataset;
+  tidy();
+  if (what === "choose") {
+    expected = { name, sha256 };
+    /** @type {HTMLInputElement} */ (form.elements.namedItem("name")).value = name;
+    say(`Choose the file of ${name} again, the one whose SHA-256 begins with ${sha256.slice(0, 12)}.`);
+    return part("[name=file]").focus();
+  }
+  busy(true);
+  try {
+    if (what === "forget") await forget(upload).then(() => refresh());
+    else await kept(await checked(() => finish(`/api/v1/uploads/${upload}`, name, sha256)), sha256);
+  } catch (error) {
+    failed(error);
+  } finally {
+    busy(false);
+  }
+}
+
+/**
+ * Lists as the server shows them now, with this policy chosen; the other form stays as it is.
+ * @param {string} [id]
  * @returns {Promise<boolean>} whether the server answered
  */
-async function choose(id) {
-  const answer = await fetch(`/evaluations/new?policy=${encodeURIComponent(id)}`).catch(() => null);
+async function refresh(id) {
+  const query = id ? `?policy=${encodeURIComponent(id)}` : "";
+  const answer = await fetch(`/evaluations/new${query}`).catch(() => null);
   if (!answer?.ok) return false;
   const page = new DOMParser().parseFromString(await answer.text(), "text/html");
-  for (const part of ["policy", "policies"]) {
-    const fresh = page.getElementById(part);
-    if (fresh) document.getElementById(part)?.replaceWith(fresh);
+  for (const one of ["unfinished", ...(id ? ["policy", "policies"] : [])]) {
+    const fresh = page.getElementById(one);
+    if (fresh) document.getElementById(one)?.replaceWith(fresh);
   }
   return true;
 }
 
+// --- what is said ---
+
 /**
- * @param {number} sent
+ * @param {string} what
+ * @param {number} done
  * @param {number} size
  */
-function tell(sent, size) {
-  bar.value = size ? sent / size : 0;
-  said.textContent = `${megabytes(sent)} of ${megabytes(size)} MB sent`;
+function tell(what, done, size) {
+  bar.value = size ? done / size : 0;
+  if (Date.now() - saidAt > SAY_EVERY) say(`${what}${megabytes(done)} of ${megabytes(size)} MB`);
 }
 
-function tellChecking() {
-  stop.hidden = true; // it is the server's now
-  bar.removeAttribute("value");
-  said.textContent = "Sent. The server loads it once to see that it can be played…";
+/** @param {string} text */
+function say(text) {
+  said.textContent = text;
+  saidAt = Date.now();
 }
 
 /** @param {number} bytes */
@@ -121,25 +204,30 @@ function megabytes(bytes) {
   return (bytes / MEGABYTE).toFixed(bytes < 10 * MEGABYTE ? 1 : 0);
 }
 
-/** @param {boolean} now */
-function busy(now) {
-  if (!now) underWay = null;
-  send.disabled = now;
-  stop.hidden = bar.hidden = !now;
+/** @param {boolean} running */
+function busy(running) {
+  Object.assign(now, { running, stopped: false });
+  send.disabled = running;
+  pause.hidden = bar.hidden = !running;
+  if (running) offer(false);
 }
 
-/**
- * @param {string} field
- * @param {string} message
- */
-function refused(field, message) {
-  return new Refused({ title: message, status: 0, errors: field ? [{ field, message }] : [] });
+/** Offers to go on, in place of a beginning. @param {boolean} paused */
+function offer(paused) {
+  goOn.hidden = !paused;
+  send.hidden = paused;
+}
+
+/** What is wrong with the file. @param {string} message */
+function refused(message) {
+  return new Refused({ title: message, status: 0, errors: [{ field: "body", message }] });
 }
 
 /** @param {Refused} refused */
 function show(refused) {
+  const { errors = [], checks = [] } = refused.problem;
   let placed = false;
-  for (const { field, message } of refused.problem.errors ?? []) {
+  for (const { field, message } of errors) {
     const place = form.querySelector(`[data-field="${CSS.escape(field)}"]`);
     if (!place) continue;
     placed = true;
@@ -147,15 +235,19 @@ function show(refused) {
     form.querySelector(`[aria-describedby="${place.id}"]`)?.setAttribute("aria-invalid", "true");
   }
   said.textContent = "";
+  const came = checks.length && now.sending ? sameHash(now.sending.about.sha256) : [];
+  showChecks(steps, [...came, ...checks]);
   alert.textContent = placed ? "The checkpoint was not taken." : refused.message;
   alert.hidden = false;
   alert.scrollIntoView({ block: "nearest" });
 }
 
-function forget() {
+function tidy() {
   alert.hidden = true;
   said.textContent = "";
+  if (!now.sending) hashed.textContent = "";
   bar.value = 0;
+  showChecks(steps, []);
   for (const place of form.querySelectorAll("[data-field]")) place.textContent = "";
   for (const field of form.querySelectorAll("[aria-invalid]")) field.removeAttribute("aria-invalid");
 }

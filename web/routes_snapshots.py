@@ -1,0 +1,67 @@
+"""Snapshots: leaderboards as they stood."""
+
+from typing import Annotated
+
+from fastapi import Form, Query, Request, Response
+from fastapi.responses import HTMLResponse, RedirectResponse
+
+from hide_tasks.contract import Split
+from server import snapshots
+from server.access import Router, Scope, needs
+from server.deps import Cursor, Reading, TheHub, ThePrincipal
+from server.routes.snapshots import take_snapshot
+from server.schemas import SnapshotContent, SnapshotCreate, Verdict
+from web.routes_leaderboard import SHOWN_SPLITS, board_of
+from web.templating import page
+
+router = Router(include_in_schema=False)
+
+LISTED = 50
+MOST_NOTE = 2000  # characters
+
+
+@router.get("/snapshots")
+@needs(Scope.READ)
+def list_snapshots(request: Request, session: Reading, cursor: Cursor = None) -> HTMLResponse:
+    """Snapshots, latest first, and the form that takes one."""
+    shown = {
+        "found": snapshots.listed(session, limit=LISTED, cursor=cursor),
+        "cursor": cursor,
+        "splits": SHOWN_SPLITS,
+        "most_note": MOST_NOTE,
+    }
+    return page(request, "snapshots.html", shown)
+
+
+@router.post("/snapshots")
+@needs(Scope.MAINTAIN)
+def keep_leaderboard(
+    hub: TheHub,
+    principal: ThePrincipal,
+    split: Annotated[Split, Form()] = "test",
+    note: Annotated[str, Form(max_length=MOST_NOTE)] = "",
+) -> Response:
+    """Keeps the leaderboard as it stands, and shows what was kept."""
+    wanted = SnapshotCreate(split=split, note=note)
+    taken = take_snapshot(wanted, hub, principal, Response())
+    return RedirectResponse(f"/snapshots/{taken.number}", 303)
+
+
+@router.get("/snapshots/{snapshot}")
+@needs(Scope.READ)
+def show_snapshot(
+    request: Request,
+    session: Reading,
+    snapshot: str,
+    verdict: Annotated[Verdict, Query()] = "success",
+) -> HTMLResponse:
+    """A leaderboard as it was kept, and what its rows rest on."""
+    row = snapshots.find(session, snapshot)
+    content = SnapshotContent.model_validate_json(row.content)
+    shown = {
+        "snapshot": snapshots.public(row),
+        "content": content,
+        "rests_on": {one.evaluation: one for one in content.evaluations},
+        **board_of(content.leaderboards[verdict]),
+    }
+    return page(request, "snapshot.html", shown)
