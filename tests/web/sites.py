@@ -70,7 +70,7 @@ def empty(data: Path) -> FastAPI:
     """The application over a ledger without evaluations; nothing is handed out."""
     data.mkdir(parents=True, exist_ok=True)
     ledgers.opened(data).close()
-    return create_app(Settings(data=data, workers=0, references=False))
+    return create_app(Settings(data=data, workers=0, references=False, smoke=False))
 
 
 def filled(app: FastAPI, recordings: Path) -> Site:

@@ -13,7 +13,7 @@ from fastapi.testclient import TestClient
 from hide_tasks import ALL_TASKS, load
 from hide_tasks.certificates import committed
 from hide_tasks.contract import Failure
-from server import snapshots, uploads
+from server import checkpoints, policies, snapshots, uploads
 from server.states import EpisodeState
 from tests.server import ledgers
 from tests.web import sites
@@ -430,6 +430,19 @@ def test_a_task_shows_both_moments_of_every_alias_pair(client: TestClient) -> No
         pairs = len(committed(name).get("aliases", []))
         assert len(pictures) == 2 * text.count('class="alias"') == 2 * pairs
         assert all(client.get(one).status_code == 200 for one in pictures)
+
+
+def test_a_checkpoints_page_leads_to_the_run_that_tried_it(client: TestClient) -> None:
+    hub = client.app.state.hub
+    version = ledgers.uploaded(hub.database, hub.blobs, "tried", b"weights of a new one")
+    with hub.database.writing() as session:
+        row = policies.find(session, version)
+        settings = hub.settings.model_copy(update={"smoke": True})
+        tried = checkpoints.try_out(session, row, hub.owner, settings)
+        assert tried is not None
+        id = tried.id
+
+    assert f"/evaluations/{id}" in links(page(client, f"/policies/{version}"))
 
 
 # --- what is not there ---
