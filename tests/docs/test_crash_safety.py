@@ -8,7 +8,7 @@ TESTS = Path(__file__).parents[1]
 TABLE = (TESTS.parent / "docs" / "crash_safety.md").read_text()
 
 
-def tests_in(file: Path) -> set[str]:
+def of_file(file: Path) -> set[str]:
     """Names of a file's tests, with the file, from the folder of all tests."""
     names = [node.name for node in ast.parse(file.read_text()).body if hasattr(node, "name")]
     return {f"{file.relative_to(TESTS)}::{name}" for name in names if name.startswith("test_")}
@@ -22,11 +22,11 @@ def test_every_test_that_is_named_is_there() -> None:
     files = {name.partition("::")[0] for name in named()}
 
     assert len(named()) > 30
-    assert named() <= set().union(*(tests_in(TESTS / file) for file in files))
+    assert named() <= set().union(*(of_file(TESTS / file) for file in files))
 
 
 def test_every_test_of_faults_is_named() -> None:
-    made = set().union(*map(tests_in, (TESTS / "chaos").glob("test_*.py")))
+    made = set().union(*map(of_file, (TESTS / "chaos").glob("test_*.py")))
 
     assert made and made <= named()
 
