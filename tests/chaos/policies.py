@@ -12,7 +12,7 @@ DECIDING = "decides"  # what Steady prints
 
 
 class Steady:
-    """Takes a moment for each of three decisions, which are always the same."""
+    """Takes a moment for each of two decisions, which are always the same."""
 
     def __init__(self):
         time.sleep(0.3)  # so that there is a time in which it is loaded
@@ -24,7 +24,7 @@ class Steady:
         print(DECIDING, flush=True)
         time.sleep(0.4)
         self.decisions += 1
-        return Keyframe.at(observation.gripper_pose) if self.decisions < 3 else Stop()
+        return Keyframe.at(observation.gripper_pose) if self.decisions < 2 else Stop()
 
 
 class Poison:

@@ -165,7 +165,8 @@ class System:
         """Stops processes, as an overloaded machine does; a system that ends kills them."""
         self.seen |= set(pids)
         for pid in pids:
-            os.kill(pid, signal.SIGSTOP)
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(pid, signal.SIGSTOP)
 
     def thaw(self, *pids: int) -> None:
         """Lets them go on."""
@@ -293,13 +294,13 @@ class Cluster(System):
 SYSTEMS: dict[str, type[System]] = {one.engine: one for one in (System, Cluster)}
 
 
-def cells(*parts: str) -> list[Any]:
-    """Parameters of a test: each engine, with each of its parts that is named."""
+def cells(*parts: str, engine: str | None = None) -> list[Any]:
+    """Parameters of a test: each engine, or one, with each of its parts that is named."""
     return [
         pytest.param(name, part, marks=marks_of(name))
         for name, kind in SYSTEMS.items()
         for part in parts
-        if part in kind.victims
+        if part in kind.victims and engine in (None, name)
     ]
 
 

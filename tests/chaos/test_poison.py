@@ -8,7 +8,7 @@ import pytest
 from server.blobs import Blobs
 from server.db import Database
 from server.settings import LEDGER
-from tests.chaos.systems import System
+from tests.chaos.systems import System, marks_of
 from tests.server import ledgers
 
 
@@ -56,6 +56,9 @@ def test_a_checkpoint_that_is_damaged_on_the_disk_is_no_policys_failure(disturbe
     assert "SHA-256" in done["reason"]
 
 
+@pytest.mark.parametrize(
+    "system", [pytest.param("pebble", marks=marks_of("pebble"))], indirect=True, scope="session"
+)
 @pytest.mark.usefixtures("others")
 def test_a_checkpoint_that_cannot_be_loaded_is_scored(disturbed: System) -> None:
     pytest.importorskip("torch", reason="torch is not installed: pip install 'hide-seek[seek]'")

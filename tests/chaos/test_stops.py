@@ -10,12 +10,15 @@ from tests.processes import alive
 from tests.server.running import until
 
 A_WHILE = 3.0  # s
+PARTS = {"pebble": ("supervisor", "server"), "dask": ("worker", "scheduler")}
 
 
 @pytest.mark.parametrize(
-    ("system", "part"), cells("supervisor", "worker", "scheduler", "server"), indirect=["system"],
+    ("system", "part"),
+    [cell for engine, parts in PARTS.items() for cell in cells(*parts, engine=engine)],
+    indirect=["system"],
     scope="session",
-)  # fmt: skip
+)
 def test_a_part_that_stands_still_for_a_while_goes_on(
     disturbed: System, undisturbed: dict[int, tuple[Any, ...]], part: str
 ) -> None:
