@@ -100,4 +100,4 @@ def test_a_full_disk_loses_nothing_and_needs_nobody_once_there_is_room(small: On
     assert kept.items() <= small.committed().items()
     assert small.lost(waiting) == []
     assert small.divergences() == 0 and small.litter() == []
-    assert set(small.checks().values()) == {"ok"}
+    until(lambda: set(small.checks().values()) == {"ok"}, "the server's health")
