@@ -10,6 +10,9 @@ from server.db import Database
 from server.settings import LEDGER
 from tests.chaos.systems import System, marks_of
 from tests.server import ledgers
+from workers.policies import NO_TORCH, has_torch
+
+needs_torch = pytest.mark.skipif(not has_torch(), reason=NO_TORCH)
 
 
 def upload(system: System, name: str, content: bytes) -> str:
@@ -43,6 +46,7 @@ def test_a_policy_that_crashes_in_every_episode_is_scored(disturbed: System) -> 
         assert "had died 2 times before: signal 11, SIGSEGV" in episode["detail"]
 
 
+@needs_torch
 @pytest.mark.usefixtures("others")
 def test_a_checkpoint_that_is_damaged_on_the_disk_is_no_policys_failure(disturbed: System) -> None:
     sha256 = upload(disturbed, "rotten", b"weights, as they came")
@@ -56,12 +60,12 @@ def test_a_checkpoint_that_is_damaged_on_the_disk_is_no_policys_failure(disturbe
     assert "SHA-256" in done["reason"]
 
 
+@needs_torch
 @pytest.mark.parametrize(
     "system", [pytest.param("pebble", marks=marks_of("pebble"))], indirect=True, scope="session"
 )
 @pytest.mark.usefixtures("others")
 def test_a_checkpoint_that_cannot_be_loaded_is_scored(disturbed: System) -> None:
-    pytest.importorskip("torch", reason="torch is not installed: pip install 'hide-seek[seek]'")
     upload(disturbed, "nonsense", b"\xff" * 1000)
 
     evaluation = disturbed.ask("nonsense", episodes=1)
