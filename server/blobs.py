@@ -58,8 +58,11 @@ class Blobs:
         sha256 = hashlib.sha256(content).hexdigest()
         if not self.path(sha256).exists():
             part = self.new_part()
-            part.write_bytes(content)
-            self.take(part, sha256)
+            try:
+                part.write_bytes(content)
+                self.take(part, sha256)
+            finally:
+                part.unlink(missing_ok=True)  # there was no room for it
         return sha256
 
 

@@ -2,6 +2,7 @@
 against it, and what it holds of a final episode never changes.
 """
 
+from collections.abc import Callable
 from datetime import UTC, datetime
 from typing import Any, ClassVar
 
@@ -20,7 +21,7 @@ from sqlalchemy import (
     text,
 )
 from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column, relationship
-from ulid import ULID
+from ulid import ULIDGenerator
 
 Id = String(32)
 Digest = String(64)
@@ -40,14 +41,33 @@ class Utc(TypeDecorator[datetime]):
         return value.replace(tzinfo=UTC) if value else None
 
 
-def new_id(prefix: str) -> str:
-    """A new identifier that sorts by time, e.g. 'ev_01J…'."""
-    return f"{prefix}_{ULID()}"
+def read_clock() -> datetime:
+    """What the machine's clock says. It may be wrong, and jump: nothing but dates hangs on it."""
+    return datetime.now(UTC)
+
+
+clock: Callable[[], datetime] = read_clock
 
 
 def now() -> datetime:
     """This moment, in UTC."""
-    return datetime.now(UTC)
+    return clock()
+
+
+def _milliseconds() -> int:
+    """As `now`, but never back: what is newer has the higher identifier while a server runs."""
+    global _latest
+    _latest = max(_latest, int(now().timestamp() * 1000))
+    return _latest
+
+
+_latest = 0
+_ids = ULIDGenerator(clock=_milliseconds)
+
+
+def new_id(prefix: str) -> str:
+    """A new identifier that sorts by time, e.g. 'ev_01J…'."""
+    return f"{prefix}_{_ids.generate()}"
 
 
 class Base(DeclarativeBase):

@@ -6,7 +6,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, Self
 
@@ -16,15 +16,27 @@ from tests.processes import command
 from workers.simulator_process import descendants
 
 ROOT = Path(__file__).parents[2]
-START_LIMIT = 60.0  # s
+START_LIMIT = 240.0  # s; on a busy machine a start takes a while
 
 
 class RunningServer:
-    """`hide serve` on a free port, stopped when the block is left."""
+    """`hide serve` on a free port, stopped when the block is left.
 
-    def __init__(self, data: Path, *options: str, workers: int = 2):
+    Args:
+        program: the module that stands for `hide`.
+        within: a command that runs it, and becomes it.
+    """
+
+    def __init__(
+        self,
+        data: Path,
+        *options: str,
+        workers: int = 2,
+        program: str = "server.cli",
+        within: Sequence[str] = (),
+    ):
         self.data = data
-        self._command = [sys.executable, "-m", "server.cli", "serve", "--data", str(data)]
+        self._command = [*within, sys.executable, "-m", program, "serve", "--data", str(data)]
         self._command += ["--workers", str(workers), *options]
 
     def __enter__(self) -> Self:

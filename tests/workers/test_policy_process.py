@@ -1,6 +1,7 @@
 import contextlib
 import json
 import os
+import signal
 import subprocess
 import sys
 import time
@@ -118,6 +119,19 @@ def test_what_goes_wrong_is_named(
         assert raised.value.failure is failure
         assert "\n" not in str(raised.value)
         assert ended(before)
+
+
+def test_a_process_that_stands_still_is_a_policy_that_is_late() -> None:
+    """Nobody can tell it from one that thinks for too long."""
+    with playing("Stays") as policy:
+        policy.timeout, before = 0.5, pid(policy)
+        os.kill(before, signal.SIGSTOP)
+
+        with pytest.raises(PolicyFailure, match=r"act took longer than 0.5 s") as raised:
+            policy.act(observation())
+
+    assert raised.value.failure is Failure.POLICY_TIMEOUT
+    assert ended(before)
 
 
 def test_after_a_failure_the_next_episode_has_a_new_process(sandbox: Sandbox) -> None:

@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from tests.processes import wait_for
+from workers.engines.scheduler import SILENCE
 
 ROOT = Path(__file__).parents[3]
 SCHEDULER = """
@@ -17,7 +18,7 @@ from workers.engines.scheduler import schedule
 async def main():
     ready = asyncio.get_running_loop().create_future()
     ready.add_done_callback(lambda told: print(told.result(), flush=True))
-    await schedule("127.0.0.1", {port}, ready=ready)
+    await schedule("127.0.0.1", {port}, silence={silence}, ready=ready)
 
 asyncio.run(main())
 """
@@ -34,15 +35,17 @@ if __name__ == "__main__":
 class Cluster:
     """Its processes may be killed, stopped and started again by a test."""
 
-    def __init__(self, folder: Path):
-        self.folder = folder
+    def __init__(self, folder: Path, silence: float = SILENCE):
+        self.folder, self.silence = folder, silence
         self.port = 0
         self.members: list[subprocess.Popen[bytes]] = []
         self.start_scheduler()
 
     def start_scheduler(self) -> None:
         """Starts one, on the port of the one before."""
-        self.scheduler = self._start("scheduler", SCHEDULER.format(port=self.port))
+        self.scheduler = self._start(
+            "scheduler", SCHEDULER.format(port=self.port, silence=self.silence)
+        )
         log = self.folder / "scheduler.log"
 
         def told() -> bool:
@@ -82,9 +85,9 @@ class Cluster:
 
 
 @contextmanager
-def cluster(folder: Path, *slots: int) -> Iterator[Cluster]:
+def cluster(folder: Path, *slots: int, silence: float = SILENCE) -> Iterator[Cluster]:
     """A cluster of machines with so many slots each."""
-    found = Cluster(folder)
+    found = Cluster(folder, silence)
     try:
         for count in slots:
             found.join(count)

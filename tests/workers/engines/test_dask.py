@@ -54,6 +54,19 @@ def test_each_key_ends_with_its_own_reason(shared: Cluster) -> None:
     }
 
 
+def test_a_process_that_stands_still_is_killed_when_its_time_is_over(
+    shared: Cluster, tmp_path: Path
+) -> None:
+    with engine(misbehaviour.sleep_and_tell, shared, 2) as running:
+        running.submit("one", (60.0, str(tmp_path / "one")), 2.0)
+        pid = pid_in(tmp_path / "one")
+
+        os.kill(pid, signal.SIGSTOP)
+
+        assert ended(running, 1, 60) == [Ended("one", "took longer than 2 s")]
+        wait_for(lambda: not alive(pid), "its end", 15)
+
+
 def test_a_key_that_is_there_is_not_submitted_twice(shared: Cluster, tmp_path: Path) -> None:
     with engine(misbehaviour.append, shared, 2) as running:
         for _ in range(3):
@@ -133,3 +146,18 @@ def test_a_machine_that_stands_still_does_not_hold_up_the_others(tmp_path: Path)
         done = ended(running, 2, 60)
 
         assert [one.reason for one in done] == [None, None]
+
+
+def test_a_machine_that_stands_still_for_too_long_is_lost_with_what_it_runs(tmp_path: Path) -> None:
+    with (
+        cluster(tmp_path, 1, silence=4.0) as machines,
+        engine(misbehaviour.sleep_and_tell, machines, 1) as running,
+    ):
+        running.submit("one", (120.0, str(tmp_path / "one")), 150.0)
+        pid = pid_in(tmp_path / "one")
+
+        os.kill(machines.members[0].pid, signal.SIGSTOP)
+
+        assert ended(running, 1, 60) == [Ended("one", "its worker disappeared")]
+        os.kill(machines.members[0].pid, signal.SIGCONT)
+        wait_for(lambda: not alive(pid), "the end of what it ran", 60)

@@ -1,6 +1,7 @@
 """What the reconciler may rely on, whichever the engine."""
 
 import os
+import signal
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -62,6 +63,17 @@ def test_each_key_ends_with_its_own_reason() -> None:
         "kill": "its process died with signal 9",
         "sleep": "took longer than 1 s",
     }
+
+
+def test_a_process_that_stands_still_is_killed_when_its_time_is_over(tmp_path: Path) -> None:
+    with engine(misbehaviour.sleep_and_tell) as running:
+        running.submit("one", (60.0, str(tmp_path / "one")), 2.0)
+        pid = pid_in(tmp_path / "one")
+
+        os.kill(pid, signal.SIGSTOP)
+
+        assert ended(running, 1) == [Ended("one", "took longer than 2 s")]
+        assert not alive(pid)
 
 
 def test_a_key_that_is_there_is_not_submitted_twice(tmp_path: Path) -> None:
