@@ -255,13 +255,16 @@ def test_the_probe_may_see_which_moments_look_alike():
     assert report["nearest"]["accuracy"] == 0.5
 
 
+SEES = {"blind": False, "chance": 0.5, "nearest": {"high": 0.55}, "linear": {"high": 0.67}}
+
+
 @pytest.mark.parametrize(
     ("change", "word"),
     [
         ({"ceilings": {"exact": 0.9}}, "exact in 90%"),
         ({"aliases": []}, "No two moments"),
         ({"aliases": [{"verified": False}]}, "declared pair"),
-        ({"probe": {"blind": False}}, "classifier"),
+        ({"probe": SEES}, "interval ends at 67%, chance is 50%"),
     ],
 )
 def test_a_certificate_is_weak_for_one_named_reason(change, word):
