@@ -114,7 +114,7 @@ def test_a_twin_stands_in_the_same_scene(name):
 
 def test_declared_pairs_measured_anew_are_those_of_the_certificate(scripts):
     spec, found = scripts
-    known = {alias["why"]: alias for alias in committed(spec.task).get("aliases", [])}
+    known = {alias["why"]: alias for alias in committed(spec.task)["aliases"]}
     numbers = {str(twin): number for number, twin in enumerate(twins(spec))}
 
     def at(moment):
@@ -124,8 +124,6 @@ def test_declared_pairs_measured_anew_are_those_of_the_certificate(scripts):
     for alias in suite.build(spec).aliases():
         pair = compared(alias.why, at(alias.first), at(alias.second))
         assert pair["verified"], pair
-        if not committed(spec.task):
-            continue
         shown = known[alias.why]
         assert (pair["hidden"], pair["next"]) == (shown["hidden"], shown["next"])
         assert all(pair["pixels"][view] <= shown["pixels"][view] + 1e-4 for view in CAMERAS)

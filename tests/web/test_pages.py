@@ -427,7 +427,7 @@ def test_a_task_shows_both_moments_of_every_alias_pair(client: TestClient) -> No
         text = page(client, f"/tasks/{name}")
         pictures = re.findall(rf'src="(/static/tasks/{name}-alias-\d+-[ab]\.webp)"', text)
 
-        pairs = len(committed(name).get("aliases", []))
+        pairs = len(committed(name)["aliases"])
         assert len(pictures) == 2 * text.count('class="alias"') == 2 * pairs
         assert all(client.get(one).status_code == 200 for one in pictures)
 
