@@ -1,0 +1,231 @@
+"""Measures pages of a ledger with a million episodes, in SQLite and in PostgreSQL.
+
+Run it with: .venv/bin/python docs/measure_pages.py [EPISODES] [sqlite|postgresql] [READERS]
+A worker plays meanwhile, so that results come in. The readers' requests cost this machine's
+processor too. A ledger of a million wants about 10 GB of disk and some minutes to be made.
+"""
+
+import asyncio
+import os
+import random
+import shutil
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from statistics import median, quantiles
+from tempfile import TemporaryDirectory
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+
+import httpx
+from sqlalchemy import Connection, select, text
+
+from hide_tasks.contract import EpisodeSpec, Failure
+from server.blobs import Blobs
+from server.db import Database, is_postgres
+from server.models import Base, Evaluation, Policy, PolicyVersion, new_id
+from server.settings import LEDGER
+from tests.server import ledgers, postgres
+from tests.server.running import RunningServer
+from workers.protocol import PythonPolicy
+
+POLICIES = 250
+TEMPLATES = 6  # evaluations that are played through; the others are copies of them
+SECONDS = 60.0  # of each measurement
+PAUSE = 2.0  # s that a reader looks at a page, on average
+COPIED = (  # what an evaluation is made of
+    ("evaluations", "e.id = :id", ""),
+    ("shards", "evaluation_id = :id", ""),
+    ("attempts", "s.evaluation_id = :id", "JOIN shards s ON s.id = e.shard_id"),
+    ("episodes", "evaluation_id = :id", ""),
+    ("decisions", "p.evaluation_id = :id", "JOIN episodes p ON p.id = e.episode_id"),
+    ("hidden_changes", "p.evaluation_id = :id", "JOIN episodes p ON p.id = e.episode_id"),
+    ("hidden_spans", "p.evaluation_id = :id", "JOIN episodes p ON p.id = e.episode_id"),
+    ("events", "evaluation_id = :id", ""),
+)
+RENAMED = {"evaluation_id", "shard_id", "episode_id", "attempt_id"}
+SERIES = "WITH RECURSIVE n(n) AS (SELECT :low UNION ALL SELECT n + 1 FROM n WHERE n < :high)"
+
+
+def filled(database: Database, store: Blobs, episodes: int) -> None:
+    """Makes a ledger of so many episodes: some evaluations by the server's own code, and copies."""
+    with database.writing() as session:
+        versions = [_version(session, n) for n in range(POLICIES)]
+    chance = random.Random(7)
+    templates = []
+    for n in range(TEMPLATES):
+        chances = [(n + 1) / (TEMPLATES + 2)] * 2
+
+        def outcome(spec: EpisodeSpec, least: float = chances[0]) -> Failure | None:
+            return None if chance.random() < least else chance.choice(list(Failure))
+
+        templates.append(ledgers.evaluated(database, store, f"model-{n:03}", outcome))
+    copies = episodes // 375 // TEMPLATES
+    for n, template in enumerate(templates):
+        with _unguarded(database) as connection:
+            for low in range(n * copies, (n + 1) * copies, 20):
+                _copy(connection, template, low, min(low + 20, (n + 1) * copies) - 1)
+            _spread(connection, versions)
+    with database.engine.connect() as connection:
+        connection.execute(text("ANALYZE"))
+        connection.commit()
+
+
+@contextmanager
+def _unguarded(database: Database) -> Iterator[Connection]:
+    """A transaction whose inserts the ledger's triggers do not see: they refuse finished rows."""
+    with database.engine.execution_options(writes=True).begin() as connection:
+        if is_postgres(database.engine):
+            connection.execute(text("SET LOCAL session_replication_role = replica"))
+            yield connection
+            return
+        found = select(text("name, sql FROM sqlite_master WHERE type = 'trigger'"))
+        triggers = connection.execute(found).all()
+        for name, _ in triggers:
+            connection.exec_driver_sql(f"DROP TRIGGER {name}")
+        yield connection
+        for _, made in triggers:
+            connection.exec_driver_sql(made)
+
+
+def _version(session, n: int) -> str:  # type: ignore[no-untyped-def]
+    policy = Policy(id=new_id("po"), name=f"model-{n:03}")
+    spec = PythonPolicy(target="tests.workers.some_policies:Stays").model_dump(mode="json")
+    version = PolicyVersion(id=new_id("pv"), policy=policy, number=1, spec=spec)
+    session.add(version)
+    session.flush()
+    return version.id
+
+
+def _copy(connection: Connection, template: str, low: int, high: int) -> None:
+    for name, where, joined in COPIED:
+        columns = [c.name for c in Base.metadata.tables[name].columns if c.name != "seq"]
+        values = [_renamed(f'e."{c}"') if _is_id(name, c) else f'e."{c}"' for c in columns]
+        into = ", ".join(f'"{c}"' for c in columns)
+        connection.execute(
+            text(
+                f"INSERT INTO {name} ({into}) {SERIES} SELECT {', '.join(values)} "
+                f"FROM n CROSS JOIN {name} e {joined} WHERE {where}"
+            ),
+            {"id": template, "low": low, "high": high},
+        )
+
+
+def _is_id(table: str, column: str) -> bool:
+    return column in RENAMED or (column == "id" and table != "events")
+
+
+def _renamed(value: str) -> str:
+    """Another number in place of the time in an identifier."""
+    return f"substr({value}, 1, 3) || substr(cast(10000000 + n.n as text), 4) || substr({value}, 9)"
+
+
+def _spread(connection: Connection, versions: list[str]) -> None:
+    """Gives the evaluations to the policies in turn."""
+    ids = connection.scalars(select(Evaluation.id).order_by(Evaluation.id)).all()
+    for n, id in enumerate(ids):
+        given = {"policy_version_id": versions[n % len(versions)]}
+        connection.execute(Evaluation.__table__.update().where(Evaluation.id == id).values(given))  # type: ignore[attr-defined]
+
+
+def pages(server: RunningServer) -> dict[str, list[str]]:
+    """Addresses of each kind of page."""
+    listed = server.get("/evaluations", limit=200, state="completed")["items"]
+    ids = [one["id"] for one in listed]
+    return {
+        "leaderboard": ["/", "/?verdict=exact"],
+        "evaluation": [f"/evaluations/{id}" for id in ids],
+        "failures": [f"/evaluations/{id}/failures" for id in ids],
+        "failures, filtered": [f"/evaluations/{id}/failures?category=RC" for id in ids],
+        "evaluations": ["/evaluations", "/evaluations?policy=model-007"],
+    }
+
+
+async def read(server: RunningServer, readers: int, pause: float) -> dict[str, list[float]]:
+    """Seconds that each answer took, by kind of page; every reader goes from page to page."""
+    taken: dict[str, list[float]] = {}
+    kinds, end = pages(server), time.monotonic() + SECONDS
+    limits = httpx.Limits(max_connections=readers, max_keepalive_connections=readers)
+    async with httpx.AsyncClient(
+        base_url=server.url, limits=limits, timeout=60, trust_env=False
+    ) as client:
+
+        async def reader(seed: int) -> None:
+            chance = random.Random(seed)
+            await asyncio.sleep(chance.uniform(0, pause))
+            while time.monotonic() < end:
+                kind = chance.choice(list(kinds))
+                began = time.perf_counter()
+                answer = await client.get(chance.choice(kinds[kind]))
+                answer.raise_for_status()
+                taken.setdefault(kind, []).append(time.perf_counter() - began)
+                await asyncio.sleep(chance.expovariate(1 / pause) if pause else 0)
+
+        await asyncio.gather(*map(reader, range(readers)))
+    return taken
+
+
+def told(title: str, taken: dict[str, list[float]], results: int) -> None:
+    """Prints a table."""
+    count = sum(map(len, taken.values()))
+    print(f"{title}: {count / SECONDS:.1f} pages a second, {60 * results / SECONDS:.0f} results a minute")
+    for kind, times in taken.items():
+        p99 = quantiles(times, n=100)[98] if len(times) > 1 else times[0]
+        print(f"  {kind:20} p50 {1000 * median(times):6.0f} ms   p99 {1000 * p99:6.0f} ms   of {len(times)}")
+    sys.stdout.flush()
+
+
+def measure(folder: Path, options: list[str], readers: int) -> None:
+    """A server on the ledger, read by nobody else, then by people, then as fast as it can."""
+    began = time.perf_counter()
+    with RunningServer(folder, "--no-references", *options, workers=1) as server:
+        print(f"start {time.perf_counter() - began:.1f} s")
+        for path in ("/", "/", "/?verdict=exact"):
+            began = time.perf_counter()
+            server.client.get(path).raise_for_status()
+            print(f"  {path} {1000 * (time.perf_counter() - began):.0f} ms")
+        id = server.post("/evaluations", {"policy": "noop"})["id"]
+        time.sleep(20)  # until its worker plays
+        for title, count, pause in (
+            ("one reader", 1, 0.0),
+            (f"{readers} readers, {PAUSE:g} s a page", readers, PAUSE),
+            (f"{readers} readers without a pause", readers, 0.0),
+        ):
+            before = server.final(id)
+            taken = asyncio.run(read(server, count, pause))
+            told(title, taken, server.final(id) - before)
+
+
+def kinds_of(kind: str, folder: Path) -> Iterator[tuple[str, Path | str]]:
+    """The ledgers' names and places."""
+    if kind in ("", "sqlite"):
+        yield "SQLite", folder / "data" / LEDGER
+    if kind in ("", "postgresql"):
+        yield "PostgreSQL", postgres.create("pages")
+
+
+def main(episodes: int = 1_000_000, kind: str = "", readers: int = 50) -> None:
+    """Prints what was measured of each."""
+    print(f"{os.cpu_count()} processors")
+    with TemporaryDirectory(prefix="hide-pages-") as temporary:
+        for name, place in kinds_of(kind, Path(temporary)):
+            data = Path(temporary) / "data"
+            data.mkdir(exist_ok=True)
+            began = time.perf_counter()
+            database = Database(place)
+            with database.writing() as session:
+                from server import policies
+
+                policies.register_builtin(session)
+            filled(database, Blobs(data / "blobs"), episodes)
+            database.close()
+            print(f"{name}: made in {time.perf_counter() - began:.0f} s")
+            measure(data, [] if isinstance(place, Path) else ["--database", place], readers)
+            shutil.rmtree(data)
+
+
+if __name__ == "__main__":
+    arguments = [*sys.argv[1:], "1000000", "", "50"][:3] if len(sys.argv) > 1 else []
+    main(*(int(a) if a.isdigit() else a for a in arguments))  # type: ignore[arg-type]
