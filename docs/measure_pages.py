@@ -20,9 +20,11 @@ from tempfile import TemporaryDirectory
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import httpx
-from sqlalchemy import Connection, select, text
+from sqlalchemy import Connection, select, text, update
+from sqlalchemy.orm import Session
 
 from hide_tasks.contract import EpisodeSpec, Failure
+from server import policies
 from server.blobs import Blobs
 from server.db import Database, is_postgres
 from server.models import Base, Evaluation, Policy, PolicyVersion, new_id
@@ -54,14 +56,13 @@ def filled(database: Database, store: Blobs, episodes: int) -> None:
     with database.writing() as session:
         versions = [_version(session, n) for n in range(POLICIES)]
     chance = random.Random(7)
-    templates = []
-    for n in range(TEMPLATES):
-        chances = [(n + 1) / (TEMPLATES + 2)] * 2
 
-        def outcome(spec: EpisodeSpec, least: float = chances[0]) -> Failure | None:
-            return None if chance.random() < least else chance.choice(list(Failure))
+    def outcome(_: EpisodeSpec) -> Failure | None:
+        return None if chance.random() < 0.5 else chance.choice(list(Failure))
 
-        templates.append(ledgers.evaluated(database, store, f"model-{n:03}", outcome))
+    templates = [
+        ledgers.evaluated(database, store, f"model-{n:03}", outcome) for n in range(TEMPLATES)
+    ]
     copies = episodes // 375 // TEMPLATES
     for n, template in enumerate(templates):
         with _unguarded(database) as connection:
@@ -90,7 +91,7 @@ def _unguarded(database: Database) -> Iterator[Connection]:
             connection.exec_driver_sql(made)
 
 
-def _version(session, n: int) -> str:  # type: ignore[no-untyped-def]
+def _version(session: Session, n: int) -> str:
     policy = Policy(id=new_id("po"), name=f"model-{n:03}")
     spec = PythonPolicy(target="tests.workers.some_policies:Stays").model_dump(mode="json")
     version = PolicyVersion(id=new_id("pv"), policy=policy, number=1, spec=spec)
@@ -126,8 +127,9 @@ def _spread(connection: Connection, versions: list[str]) -> None:
     """Gives the evaluations to the policies in turn."""
     ids = connection.scalars(select(Evaluation.id).order_by(Evaluation.id)).all()
     for n, id in enumerate(ids):
-        given = {"policy_version_id": versions[n % len(versions)]}
-        connection.execute(Evaluation.__table__.update().where(Evaluation.id == id).values(given))  # type: ignore[attr-defined]
+        version = versions[n % len(versions)]
+        moved = update(Evaluation).where(Evaluation.id == id)
+        connection.execute(moved.values(policy_version_id=version))
 
 
 def pages(server: RunningServer) -> dict[str, list[str]]:
@@ -170,11 +172,11 @@ async def read(server: RunningServer, readers: int, pause: float) -> dict[str, l
 def told(title: str, taken: dict[str, list[float]], results: int) -> None:
     """Prints a table."""
     count = sum(map(len, taken.values()))
-    print(f"{title}: {count / SECONDS:.1f} pages a second, {60 * results / SECONDS:.0f} results a minute")
+    pace, added = count / SECONDS, 60 * results / SECONDS
+    print(f"{title}: {pace:.1f} pages a second, {added:.0f} results a minute")
     for kind, times in taken.items():
-        p99 = quantiles(times, n=100)[98] if len(times) > 1 else times[0]
-        print(f"  {kind:20} p50 {1000 * median(times):6.0f} ms   p99 {1000 * p99:6.0f} ms   of {len(times)}")
-    sys.stdout.flush()
+        p50, p99 = 1000 * median(times), 1000 * quantiles(times, n=100)[98]
+        print(f"  {kind:20} p50 {p50:6.0f} ms   p99 {p99:6.0f} ms   of {len(times)}", flush=True)
 
 
 def measure(folder: Path, options: list[str], readers: int) -> None:
@@ -216,8 +218,6 @@ def main(episodes: int = 1_000_000, kind: str = "", readers: int = 50) -> None:
             began = time.perf_counter()
             database = Database(place)
             with database.writing() as session:
-                from server import policies
-
                 policies.register_builtin(session)
             filled(database, Blobs(data / "blobs"), episodes)
             database.close()
@@ -227,5 +227,5 @@ def main(episodes: int = 1_000_000, kind: str = "", readers: int = 50) -> None:
 
 
 if __name__ == "__main__":
-    arguments = [*sys.argv[1:], "1000000", "", "50"][:3] if len(sys.argv) > 1 else []
-    main(*(int(a) if a.isdigit() else a for a in arguments))  # type: ignore[arg-type]
+    given = dict(enumerate(sys.argv))
+    main(int(given.get(1, "1000000")), given.get(2, ""), int(given.get(3, "50")))

@@ -6,6 +6,7 @@ tries is a lucky one. What covers less than the whole split is not shown at all.
 It changes only when an evaluation is asked for or completed, so one that was computed is kept.
 """
 
+import threading
 from collections import defaultdict
 from collections.abc import Callable, Hashable, Iterable, Sequence
 from functools import lru_cache
@@ -28,6 +29,7 @@ ByTask = dict[str, Counts]
 Read = Callable[[Session, Sequence[str]], dict[str, Outcomes]]
 MOST_KEPT = 32  # leaderboards: two verdicts of three splits, and some that are past
 _kept: dict[Hashable, Leaderboard] = {}
+_computing = threading.Lock()
 
 
 def leaderboard(
@@ -35,12 +37,13 @@ def leaderboard(
 ) -> Leaderboard:
     """The leaderboard of a split, best first by a verdict; reference policies follow."""
     key = (split, verdict, standing(session, split))
-    found = _kept.get(key)
-    if found is None:
-        found = compute(session, split, verdict)
-        if len(_kept) >= MOST_KEPT:
-            _kept.clear()
-        _kept[key] = found
+    with _computing:  # once for all who ask
+        found = _kept.get(key)
+        if found is None:
+            found = compute(session, split, verdict)
+            if len(_kept) >= MOST_KEPT:
+                _kept.clear()
+            _kept[key] = found
     return found
 
 
@@ -103,24 +106,23 @@ def _mean(values: Iterable[float | None]) -> float | None:
 
 def _latest(session: Session, split: Split) -> tuple[list[Evaluation], int]:
     """The latest whole evaluation of each policy version, and how many others there are."""
-    found = session.scalars(
-        select(Evaluation).where(Evaluation.split == split).order_by(Evaluation.id.desc())
-    ).all()
-    shown: dict[str, Evaluation] = {}
-    for one in found:
-        if _is_whole(one):
-            shown.setdefault(one.policy_version_id, one)
-    return list(shown.values()), len(found) - len(shown)
-
-
-def _is_whole(one: Evaluation) -> bool:
-    return (
-        one.state == EvaluationState.COMPLETED
-        and one.rules == "hide"
-        and (one.suite, one.suite_version) == (suite.SUITE, suite.VERSION)
-        and set(one.tasks) == set(ALL_TASKS)
-        and one.episodes == suite.SPLITS.get(one.split, 0)  # type: ignore[call-overload]
+    of_split = Evaluation.split == split
+    known = select(Evaluation.policy_version_id, Evaluation.id, Evaluation.tasks).where(
+        of_split,
+        Evaluation.state == EvaluationState.COMPLETED,
+        Evaluation.rules == "hide",
+        Evaluation.suite == suite.SUITE,
+        Evaluation.suite_version == suite.VERSION,
+        Evaluation.episodes == suite.SPLITS.get(split, 0),
     )
+    whole = {
+        version: id
+        for version, id, tasks in session.execute(known.order_by(Evaluation.id))
+        if set(tasks) == set(ALL_TASKS)
+    }
+    shown = session.scalars(select(Evaluation).where(Evaluation.id.in_(whole.values()))).all()
+    count = session.scalar(select(func.count()).where(of_split)) or 0
+    return sorted(shown, key=lambda one: one.id, reverse=True), count - len(shown)
 
 
 def _counted(played: Outcomes) -> ByTask:

@@ -99,7 +99,7 @@ def test_machines_elsewhere_play_and_one_is_lost(
         until(lambda: gone(below), "the end of what it ran", 10)
 
         done = server.finished(id, 240)
-        attempts = server.get(f"/evaluations/{id}/attempts")
+        attempts = server.get(f"/evaluations/{id}/attempts", limit=200)["items"]
         assert (done["state"], done["progress"]["final"]) == ("completed", EPISODES)
         assert {one["reason"] for one in attempts if one["state"] == "lost"} <= {
             "its worker disappeared"

@@ -11,7 +11,7 @@ from server.access import Router, Scope, needs
 from server.deps import Cursor, Reading, TheHub, ThePrincipal
 from server.routes.snapshots import take_snapshot
 from server.schemas import SnapshotContent, SnapshotCreate, Verdict
-from web.routes_leaderboard import SHOWN_SPLITS, board_of
+from web.routes_leaderboard import SHOWN_SPLITS, drawn
 from web.templating import page
 
 router = Router(include_in_schema=False)
@@ -62,6 +62,7 @@ def show_snapshot(
         "snapshot": snapshots.public(row),
         "content": content,
         "rests_on": {one.evaluation: one for one in content.evaluations},
-        **board_of(content.leaderboards[verdict]),
+        "board": content.leaderboards[verdict],
+        "drawn": drawn(content.leaderboards[verdict]),
     }
     return page(request, "snapshot.html", shown)

@@ -6,9 +6,10 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from fastapi import Request
-from fastapi.responses import FileResponse, Response, StreamingResponse
+from fastapi.responses import Response, StreamingResponse
 
 from server.access import Router, Scope, needs
+from server.files import File
 from server.problems import Problem, not_found
 from web.viewer_assets import LAYOUT, SCRIPT, WASM, ViewerAssets, ViewerFiles, ViewerMissing
 
@@ -40,9 +41,9 @@ async def viewer_file(request: Request, version: str, name: str) -> Response:
         raise not_found("file of the viewer", f"{version}/{name}")
     files = await viewer_files(request)
     if name == SCRIPT:
-        return FileResponse(files.script, media_type="text/javascript", headers=FOREVER)
+        return File(files.script, media_type="text/javascript", headers=FOREVER)
     if name == LAYOUT:
-        return FileResponse(files.layout, media_type="application/octet-stream", headers=FOREVER)
+        return File(files.layout, media_type="application/octet-stream", headers=FOREVER)
     return _wasm(files.wasm, request.headers.get("accept-encoding", ""))
 
 
@@ -50,7 +51,7 @@ def _wasm(path: Path, accepted: str) -> Response:
     headers = {**FOREVER, "Vary": "Accept-Encoding"}
     if _takes_gzip(accepted):
         headers["Content-Encoding"] = "gzip"
-        return FileResponse(path, media_type="application/wasm", headers=headers)
+        return File(path, media_type="application/wasm", headers=headers)
     return StreamingResponse(_unpacked(path), media_type="application/wasm", headers=headers)
 
 

@@ -42,6 +42,11 @@ def page(
     return HTMLResponse(text, status, {"Cache-Control": "no-cache", **(headers or {})})
 
 
+def part(template: str, shown: Mapping[str, Any]) -> Markup:
+    """A rendered part of a page, which is the same for everybody."""
+    return Markup(ENVIRONMENT.get_template(template).render(**shown))
+
+
 def asset(name: str) -> str:
     """The address of a file in `static/`, which changes with the file's content."""
     return f"/static/{name}?v={fingerprint(name)}"

@@ -5,7 +5,7 @@ from contextlib import suppress
 from typing import Annotated
 
 from fastapi import Query, Response
-from fastapi.responses import FileResponse, StreamingResponse
+from fastapi.responses import StreamingResponse
 from pydantic import BaseModel, ConfigDict, Field
 from sqlalchemy.orm import Session
 from starlette.types import Send
@@ -14,6 +14,7 @@ from hide_tasks.contract import Category, Failure
 from server import blobs, episodes, evaluations
 from server.access import Router, Scope, needs
 from server.deps import Cursor, EpisodeId, EvaluationId, Limit, Reading, TheHub
+from server.files import File
 from server.growing import BrokenOff, Growing
 from server.hub import Hub
 from server.problems import Problem, not_found
@@ -123,16 +124,16 @@ def _unless_final(session: Session, episode: str, revalidate: Revalidation) -> N
 
 @router.get(
     "/episodes/{episode}/thumbnail.jpg",
-    response_class=FileResponse,
+    response_class=File,
     responses={200: {"content": {blobs.JPEG: {}}}},
 )
 @needs(Scope.READ)
-def get_thumbnail(episode: str, session: Reading, hub: TheHub) -> FileResponse:
+def get_thumbnail(episode: str, session: Reading, hub: TheHub) -> File:
     """What the front camera saw last."""
     sha256 = episodes.row(session, episode).thumbnail
     if sha256 is None or not hub.blobs.holds(sha256):
         raise not_found("thumbnail of episode", episode)
-    return FileResponse(hub.blobs.path(sha256), media_type=blobs.JPEG, headers=FOR_EVER)
+    return File(hub.blobs.path(sha256), media_type=blobs.JPEG, headers=FOR_EVER)
 
 
 @router.get(
@@ -149,7 +150,7 @@ async def get_recording(episode: EpisodeId, hub: TheHub) -> Response:
     sha256 = await asyncio.to_thread(_recording, hub, episode)
     if sha256 is None or not hub.blobs.holds(sha256):
         raise not_found("recording of episode", episode)
-    return FileResponse(hub.blobs.path(sha256), media_type=blobs.RRD, headers=FOR_EVER)
+    return File(hub.blobs.path(sha256), media_type=blobs.RRD, headers=FOR_EVER)
 
 
 async def _coming_in(hub: Hub, episode: str) -> Growing | None:

@@ -4,13 +4,13 @@ import asyncio
 import logging
 
 from fastapi import Request, Response
-from fastapi.responses import FileResponse
 from starlette.requests import ClientDisconnect
 
 from server import blobs, lifecycle
 from server.access import Gate, Router, needs
 from server.commit import commit
 from server.deps import AttemptId, TheHub, assigned
+from server.files import File
 from server.growing import TooLarge
 from server.hub import Hub
 from server.models import Attempt
@@ -93,7 +93,7 @@ def receive_fault(attempt: AttemptId, episode: str, fault: Fault, hub: TheHub) -
 
 @router.get("/checkpoint")
 @needs(Gate.WORKER)
-def give_checkpoint(attempt: AttemptId, hub: TheHub) -> FileResponse:
+def give_checkpoint(attempt: AttemptId, hub: TheHub) -> File:
     """The file of the policy that the attempt plays."""
     with hub.database.reading() as session:
         playing = session.get_one(Attempt, attempt)
@@ -101,4 +101,4 @@ def give_checkpoint(attempt: AttemptId, hub: TheHub) -> FileResponse:
         spec = playing.shard.evaluation.policy_version.spec
     if spec["kind"] != "checkpoint" or not hub.blobs.holds(spec["sha256"]):
         raise not_found("checkpoint of attempt", attempt)
-    return FileResponse(hub.blobs.path(spec["sha256"]), media_type=blobs.CHECKPOINT)
+    return File(hub.blobs.path(spec["sha256"]), media_type=blobs.CHECKPOINT)

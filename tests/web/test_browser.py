@@ -150,7 +150,8 @@ def test_a_file_that_is_no_checkpoint_says_so_beside_it(
 def test_a_built_in_policys_name_is_not_sent(served: tuple[Site, str], browser: Browser) -> None:
     _, address = served
     with opened(browser, address) as page:
-        upload(page, address, "expert", b"weights")
+        page.goto(f"{address}/evaluations/new?upload=true")
+        page.fill("#name", "expert")
 
         assert page.evaluate("document.querySelector('#name').validity.patternMismatch")
         page.fill("#name", "experts")

@@ -76,9 +76,15 @@ def test_recordings_are_served_in_ranges(here: TestClient) -> None:
     what = ledgers.result_of(worker.specs[episode])
     worker.finish(episode, what.model_copy(update={"recording": sha256}))
 
-    part = here.get(f"{API}/episodes/{episode}/recording.rrd", headers={"Range": "bytes=2-4"})
+    def part(wanted: str) -> httpx.Response:
+        return here.get(f"{API}/episodes/{episode}/recording.rrd", headers={"Range": wanted})
 
-    assert (part.status_code, part.content) == (206, b"234")
+    assert (part("bytes=2-4").status_code, part("bytes=2-4").content) == (206, b"234")
+    refused = part("bytes=10-")
+    assert (refused.status_code, refused.headers["content-range"]) == (416, "bytes */10")
+    assert "10 bytes" in problem_of(refused)["detail"]
+    for malformed in ("rows=2-4", "bytes", "bytes=4-2"):
+        assert problem_of(part(malformed))["code"] == "malformed_range"
 
 
 def test_episodes_without_files_have_none(here: TestClient) -> None:
