@@ -10,6 +10,7 @@ import sqlite3
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
 from pathlib import Path
+from time import monotonic
 from typing import Any
 
 from alembic import command
@@ -23,6 +24,7 @@ from sqlalchemy.orm import Session
 from server import postgres
 
 BUSY_TIMEOUT = 30.0  # s to wait for another writer
+CHECKED_FOR = 5.0  # s of looking for damage when it is opened: 1 GB of a file that is in memory
 PRAGMAS = (
     "journal_mode = WAL",
     "synchronous = FULL",
@@ -156,7 +158,7 @@ def examine(path: Path) -> None:
         return
     try:
         with closing(sqlite3.connect(untouched(path), uri=True)) as opened:
-            verdict = opened.execute("PRAGMA quick_check(1)").fetchone()[0]
+            verdict = _checked(opened)
             names = {name for (name,) in opened.execute("SELECT name FROM sqlite_master")}
             revision = revision_of(opened) if "alembic_version" in names else None
     except sqlite3.DatabaseError as error:
@@ -174,6 +176,20 @@ def examine(path: Path) -> None:
             f"{path} was written by a newer version (revision {revision}; this version knows up "
             f"to {known_revisions()[0]}). Update hide-seek."
         )
+
+
+def _checked(opened: sqlite3.Connection) -> str:
+    """What a check of the file finds, or "ok" if it found nothing until the time was over."""
+    end = monotonic() + CHECKED_FOR
+    opened.set_progress_handler(lambda: monotonic() > end, 100_000)
+    try:
+        return str(opened.execute("PRAGMA quick_check(1)").fetchone()[0])
+    except sqlite3.OperationalError as error:
+        if error.sqlite_errorcode != sqlite3.SQLITE_INTERRUPT:
+            raise
+        return "ok"
+    finally:
+        opened.set_progress_handler(None, 0)
 
 
 def untouched(path: Path) -> str:

@@ -3,7 +3,7 @@
 from typing import Any
 
 from sqlalchemy import Select, func, or_, select, tuple_
-from sqlalchemy.orm import Session
+from sqlalchemy.orm import Session, defer, selectinload
 
 from hide_tasks import load
 from hide_tasks.contract import Category, Failure, Rules
@@ -116,6 +116,8 @@ def listed(
         Episode.state: state,
     }
     wanted = select(Episode).where(*(c == v for c, v in filters.items() if v is not None))
+    # Joined, each evaluation would come as often as it has episodes.
+    wanted = wanted.options(selectinload(Episode.evaluation), defer(Episode.start))
     if label is not None:
         wanted = wanted.where(labels.has(label))
     if policy is not None:

@@ -1,13 +1,13 @@
 """Evaluations as they stand: looked up, listed, with their progress; and new ones asked for."""
 
 import hashlib
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from datetime import timedelta
 from functools import cache
 from typing import Any, NamedTuple
 
 from sqlalchemy import Integer, Select, case, cast, func, select
-from sqlalchemy.orm import Session
+from sqlalchemy.orm import Session, contains_eager
 
 from hide_tasks import ALL_TASKS, UnknownTask, load, suite
 from hide_tasks.contract import EpisodeSpec
@@ -205,7 +205,8 @@ def attempts_listed(
 
 
 def _attempts(evaluation: str) -> Select[Attempt]:
-    wanted = select(Attempt).join(Shard).where(Shard.evaluation_id == evaluation)
+    wanted = select(Attempt).join(Attempt.shard).where(Shard.evaluation_id == evaluation)
+    wanted = wanted.options(contains_eager(Attempt.shard))
     return wanted.order_by(Attempt.id.desc())
 
 
@@ -215,10 +216,12 @@ def _attempt(one: Attempt) -> AttemptPublic:
     return AttemptPublic.model_validate(fields | {"task": one.shard.task})
 
 
-def last_event(session: Session, evaluation: str) -> int:
-    """The number of the newest event of an evaluation."""
-    newest = select(func.max(Event.seq)).where(Event.evaluation_id == evaluation)
-    return session.scalar(newest) or 0
+def _last_events(session: Session, evaluations: Iterable[str]) -> dict[str, int]:
+    """The number of the newest event of each."""
+    newest = select(Event.evaluation_id, func.max(Event.seq))
+    wanted = newest.where(Event.evaluation_id.in_(list(evaluations)))
+    found = session.execute(wanted.group_by(Event.evaluation_id))
+    return {one.evaluation_id: one[1] for one in found}
 
 
 # --- counted ---
@@ -293,14 +296,21 @@ def _per_minute(session: Session, evaluation: Evaluation) -> float | None:
 def public_all(session: Session, rows: Sequence[Evaluation]) -> list[EvaluationPublic]:
     """Evaluations as the API gives them out, in the order given."""
     ids = [one.id for one in rows]
+    newest = _last_events(session, ids)  # first: what happens from now on may be in here too
     counted, closed = counts(session, ids), _sandboxes(session, ids)
     return [
-        _public(session, one, counted.get(one.id, Counts()), closed.get(one.id, [])) for one in rows
+        _public(
+            session,
+            one,
+            counted.get(one.id, Counts()),
+            {"sandboxes": closed.get(one.id, []), "last_event": newest.get(one.id, 0)},
+        )
+        for one in rows
     ]
 
 
 def _public(
-    session: Session, one: Evaluation, counted: Counts, sandboxes: list[str]
+    session: Session, one: Evaluation, counted: Counts, others: Mapping[str, Any]
 ) -> EvaluationPublic:
     version = one.policy_version
     fields: dict[str, Any] = {
@@ -314,12 +324,10 @@ def _public(
         "progress": progress(session, one, counted),
         "verdicts": verdicts(counted),
         "owner": one.owner and one.owner.name,
-        "sandboxes": sandboxes,
-        "last_event": last_event(session, one.id),
     }
     same = "id state desired split rules tasks episodes priority recordings created started ended"
     fields |= {name: getattr(one, name) for name in same.split()}
-    return EvaluationPublic.model_validate(fields)
+    return EvaluationPublic.model_validate({**fields, **others})
 
 
 def _sandboxes(session: Session, evaluations: Iterable[str]) -> dict[str, list[str]]:

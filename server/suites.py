@@ -31,11 +31,14 @@ def resolved(wanted: EvaluationCreate) -> EvaluationCreate:
             raise invalid(name, f"is chosen by suite '{wanted.suite}'; give one of them")
     if wanted.suite == "smoke":
         split = wanted.split if "split" in wanted.model_fields_set else SMOKE_SPLIT
-        return wanted.model_copy(update={"tasks": smoke_tasks(), "episodes": 1, "split": split})
+        return wanted.model_copy(
+            update={"tasks": list(smoke_tasks()), "episodes": 1, "split": split}
+        )
     category = None if wanted.suite == "full" else Category(wanted.suite)
     return wanted.model_copy(update={"category": category})
 
 
+@cache
 @cache
 def _by_category() -> dict[str, list[str]]:
     found: dict[str, list[str]] = {str(category): [] for category in Category}
@@ -44,10 +47,11 @@ def _by_category() -> dict[str, list[str]]:
     return found
 
 
-def smoke_tasks() -> list[str]:
+@cache
+def smoke_tasks() -> tuple[str, ...]:
     """Of each category the task that takes the fewest decisions."""
     groups = [tasks for tasks in _by_category().values() if tasks]
-    return in_order([min(tasks, key=lambda task: load(task).budget()) for tasks in groups])
+    return tuple(in_order([min(tasks, key=lambda task: load(task).budget()) for tasks in groups]))
 
 
 def covers(evaluation: Evaluation) -> Covers:

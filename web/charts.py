@@ -8,12 +8,12 @@ from server.schemas import Progress, RatePublic, Verdicts
 def element(name: str, *children: str | Markup, **attributes: object) -> Markup:
     """One element, everything escaped; `class_` is class, `aria_label` is aria-label."""
     named = "".join(
-        Markup(' {}="{}"').format(key.rstrip("_").replace("_", "-"), _text(value))
+        f' {key.rstrip("_").replace("_", "-")}="{escape(_text(value))}"'
         for key, value in attributes.items()
         if value is not None
     )
-    inside = Markup("").join(escape(child) for child in children)
-    return Markup("<{0}{1}>{2}</{0}>").format(Markup(name), Markup(named), inside)
+    inside = "".join(str(escape(child)) for child in children)
+    return Markup(f"<{name}{named}>{inside}</{name}>")  # Markup.format takes twenty times as long
 
 
 def rate_bar(rate: RatePublic, ceiling: float | None = None) -> Markup:

@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from sqlalchemy import Engine, select
+from sqlalchemy import Engine, select, text
 from sqlalchemy.orm import Session
 
 from hide_tasks.machine import fingerprint
@@ -70,6 +70,7 @@ class Verifier:
             counted[id] = self._verify_one(engine, id)
         if evaluation is None:
             with Session(engine) as session:
+                _check_database(session, self.findings)
                 _check_checkpoints(session, self.folder.blobs, self.findings)
         with Session(engine) as session:
             check_leaderboard(session, counted, self.findings)
@@ -197,6 +198,15 @@ def _check_files(
         version = one.evaluation.policy_version
         said = rows.result | {"policy": f"{version.policy.name}@{version.number}"}
         check_files(one, said, {blob.sha256: blob for blob in named}, store, findings)
+
+
+def _check_database(session: Session, findings: Findings) -> None:
+    """The whole of SQLite's file; a server that starts looks at the first gigabyte or so."""
+    if session.get_bind().dialect.name != "sqlite":
+        return
+    found = session.scalars(text("PRAGMA integrity_check(5)")).all()
+    if found != ["ok"]:
+        findings.note("ledger", "", "integrity of the file", "; ".join(map(str, found)), "ok")
 
 
 def _check_checkpoints(session: Session, store: Blobs, findings: Findings) -> None:

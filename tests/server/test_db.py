@@ -110,6 +110,19 @@ def test_a_file_that_is_no_ledger_is_left_as_it_is(tmp_path: Path, make, message
     assert not path.is_file() or everything(tmp_path) == before
 
 
+def test_looking_for_damage_has_an_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(db, "CHECKED_FOR", -1.0)
+    path = tmp_path / "ledger.sqlite3"
+    ledgers.opened(tmp_path).close()
+    with closing(sqlite3.connect(path)) as opened, opened:  # enough for a look at the time
+        opened.execute(
+            "WITH RECURSIVE n(n) AS (SELECT 1 UNION ALL SELECT n + 1 FROM n WHERE n < 30000) "
+            "INSERT INTO blobs SELECT 'blob' || n, n, '', '2026-01-01' FROM n"
+        )
+
+    Database(path).close()
+
+
 def test_an_empty_file_becomes_a_ledger(tmp_path: Path) -> None:
     (tmp_path / "ledger.sqlite3").touch()
 

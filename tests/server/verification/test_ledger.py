@@ -2,6 +2,8 @@
 
 import hashlib
 import json
+import sqlite3
+from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -13,6 +15,7 @@ from server.blobs import Blobs
 from server.data_folder import DataFolder, DataFolderError
 from server.db import Database, LedgerError, migrate
 from server.read_only import ReadOnlyFolder
+from server.settings import LEDGER
 from server.verification.findings import Findings
 from server.verification.ledger import NoEvaluation, Verifier
 from tests.server import ledgers, tampering
@@ -53,6 +56,18 @@ def test_an_honest_ledger_agrees(folder: Path) -> None:
     assert (found.evaluations, found.episodes, found.files, found.simulated) == (1, 4, 4, 0)
     assert (score.final, score.success, score.exact) == (4, 2, 2)
     assert verified(folder, id).scores == found.scores
+
+
+def test_an_index_that_does_not_fit_its_table_is_told(folder: Path) -> None:
+    with closing(sqlite3.connect(folder / LEDGER)) as opened, opened:
+        opened.execute("PRAGMA writable_schema = ON")
+        opened.execute(
+            "UPDATE sqlite_master SET sql = replace(sql, 'failure, category', 'stage, category') "
+            "WHERE name = 'episodes_by_failure'"
+        )
+
+    [mismatch] = verified(folder).mismatches
+    assert "episodes_by_failure" in str(mismatch) and mismatch.what == "integrity of the file"
 
 
 def test_nothing_is_written(folder: Path) -> None:
