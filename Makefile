@@ -17,8 +17,8 @@ setup: .venv/.warm ## Create .venv with everything in it; does nothing when it i
 run: setup ## Start the server on http://127.0.0.1:8000; on first start it evaluates the built-in policies
 	$(BIN)/hide serve
 
-test: check ## Set up, check, then run all tests that need no GPU
-	$(BIN)/pytest -n 2 --dist loadgroup --durations=10 -m "not gpu"
+test: check ## Set up, check, then test; LONG=1 runs the long tests too
+	$(BIN)/pytest -n 2 --dist loadgroup --durations=10 -m "not gpu$(if $(LONG),, and not long)"
 
 check: setup ## Lint, format, types, import rules
 	$(BIN)/ruff check

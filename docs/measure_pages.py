@@ -35,7 +35,7 @@ from workers.protocol import PythonPolicy
 
 POLICIES = 250
 TEMPLATES = 6  # evaluations that are played through; the others are copies of them
-SECONDS = 60.0  # of each measurement
+SECONDS = 40.0  # of each measurement
 PAUSE = 2.0  # s that a reader looks at a page, on average
 COPIED = (  # what an evaluation is made of
     ("evaluations", "e.id = :id", ""),
@@ -48,7 +48,10 @@ COPIED = (  # what an evaluation is made of
     ("events", "evaluation_id = :id", ""),
 )
 RENAMED = {"evaluation_id", "shard_id", "episode_id", "attempt_id"}
-SERIES = "WITH RECURSIVE n(n) AS (SELECT :low UNION ALL SELECT n + 1 FROM n WHERE n < :high)"
+SERIES = (
+    "WITH RECURSIVE n(n) AS "
+    "(SELECT cast(:low as integer) UNION ALL SELECT n + 1 FROM n WHERE n < :high)"
+)
 
 
 def filled(database: Database, store: Blobs, episodes: int) -> None:

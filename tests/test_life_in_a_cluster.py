@@ -54,7 +54,11 @@ def running(folder: Path, name: str, *arguments: str, token: str) -> Iterator[su
 
 
 @pytest.mark.parametrize(
-    "kind", ["sqlite", pytest.param("postgresql", marks=postgres.needs_postgres)]
+    "kind",
+    [
+        pytest.param("sqlite", marks=pytest.mark.long),
+        pytest.param("postgresql", marks=postgres.needs_postgres),
+    ],
 )
 def test_machines_elsewhere_play_and_one_is_lost(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str

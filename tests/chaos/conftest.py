@@ -6,7 +6,14 @@ from typing import Any
 
 import pytest
 
-from tests.chaos.systems import SYSTEMS, System, marks_of
+from tests.chaos.systems import MOMENTS, SYSTEMS, System, marks_of
+
+
+def is_long(name: str) -> bool:
+    """`make test` kills in the middle of an episode, and tries all else with the local pool."""
+    if "test_a_part_is_killed" in name:
+        return MOMENTS[1] not in name
+    return "dask" in name
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
@@ -14,6 +21,8 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         if "/tests/chaos/" in item.path.as_posix():
             item.add_marker(pytest.mark.slow)
             item.add_marker(pytest.mark.timeout(900))
+            if is_long(item.name):
+                item.add_marker(pytest.mark.long)
             on_linux = sys.platform == "linux"
             item.add_marker(pytest.mark.skipif(not on_linux, reason="looks into /proc"))
 

@@ -24,6 +24,7 @@ from workers import checkpoint_cache
 from workers.sandbox import bubblewrap
 from workers.simulator_process import descendants
 
+MOMENTS = ("before it starts", "in mid-episode", "between its result and the acknowledgement")
 TASK = "push_button_times"
 POLICIES = {name.lower(): f"tests.chaos.policies:{name}" for name in ("Steady", "Poison")}
 PATIENCE = 240.0  # s; where nothing else runs, a few are enough

@@ -5,15 +5,11 @@ from typing import Any
 
 import pytest
 
-from tests.chaos.systems import System, cells
+from tests.chaos.systems import MOMENTS, System, cells
 from tests.server.running import until
 
-HOLDS = {  # by moment: the report that is held back then
-    "before it starts": "start.asked",
-    "in mid-episode": None,
-    "between its result and the acknowledgement": "result.answered",
-}
-MOMENTS = tuple(HOLDS)
+# By moment, the report that is held back then.
+HOLDS = dict(zip(MOMENTS, ("start.asked", None, "result.answered"), strict=True))
 REASONS = {  # of attempts that are lost; none need be
     "policy": "1 of 2 episodes could not be played: .* before it served",
     "simulator": "1 of 2 episodes could not be played: .*the simulator's process died: signal 9",

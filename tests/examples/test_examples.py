@@ -48,6 +48,7 @@ def test_there_are_three_short_ones() -> None:
     assert max(found.values()) <= 60
 
 
+@pytest.mark.long
 def test_a_checkpoint_is_submitted_and_waited_for(server: RunningServer, tmp_path: Path) -> None:
     file = tiny_checkpoint(tmp_path / "tiny.safetensors")
 

@@ -10,7 +10,7 @@ import pytest
 from tests.server import tampering
 from tests.server.running import ROOT, RunningServer, until
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.long]
 MEASURED = ("success", "exact", "failure", "decisions", "scene_hash", "final_state_hash")
 
 

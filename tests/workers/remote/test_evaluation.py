@@ -130,7 +130,7 @@ def test_a_server_that_is_gone_costs_no_episode(tmp_path: Path) -> None:
     assert all("Unreachable" in reason and "1013" in reason for reason in notes.reasons)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_served_checkpoint_plays_the_very_episode_that_it_plays_here(tmp_path: Path) -> None:
     checkpoint = tiny_checkpoint(tmp_path / "tiny.safetensors")
     here = played(str(checkpoint), tmp_path / "here")
