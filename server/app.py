@@ -4,6 +4,7 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from typing import Any
 
+from anyio import to_thread
 from fastapi import APIRouter, FastAPI
 from fastapi.openapi.utils import get_openapi
 
@@ -37,6 +38,9 @@ from server.settings import Settings
 from workers.protocol import INTERNAL
 
 API = "/api/v1"
+# Requests that are worked on at once; the others wait. Pages cost processor time, of which the usual
+# 40 threads lose part by taking it from each other: all are late, and some very late.
+THREADS = 8
 PROBLEM = {problems.MEDIA_TYPE: {"schema": {"$ref": "#/components/schemas/ProblemDocument"}}}
 TOKEN = {
     "type": "http",
@@ -67,6 +71,7 @@ def create_app(settings: Settings) -> FastAPI:
     @asynccontextmanager
     async def lifespan(_: FastAPI) -> AsyncIterator[None]:
         require_declared(app)  # here, for others add routes to the application
+        to_thread.current_default_thread_limiter().total_tokens = THREADS
         try:
             hub.start()
             yield

@@ -10,7 +10,7 @@ from collections.abc import AsyncIterator, Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from time import monotonic
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 from sqlalchemy import select
 from sqlalchemy.orm import Session
@@ -38,6 +38,11 @@ from workers.protocol import CheckpointPolicy
 
 CHECK_LIMIT = 300.0  # s for importing torch, building the network and reading its weights
 STILL_LIMIT = 60.0  # s without a byte, after which an upload is given up
+FAULTS = {
+    "conversion": "is no checkpoint",
+    "header": "is no checkpoint",
+    "load": "cannot be loaded",
+}
 NO_ROOM = "The server's disk is almost full; nothing was kept."
 
 
@@ -114,16 +119,20 @@ def require_torch() -> None:
         raise Problem(503, "no_torch", f"{NO_TORCH}, then start the server again.")
 
 
-def header_of(received: Received) -> Header:
+def header_of(received: Received, done: Sequence[Check] = ()) -> Header:
     """What the file says of itself.
 
+    Args:
+        done: what was tried of it before.
+
     Raises:
-        Problem: 422, it is no checkpoint, and what the first mismatch is.
+        Problem: 422, it is no checkpoint, and what the first mismatch is; `checks` has every step.
     """
     try:
         return read_header(received.path)
     except BadCheckpoint as error:
-        raise invalid("body", f"is no checkpoint: {error}") from None
+        failed = Check(name="header", outcome="failed", seconds=0.0, detail=str(error))
+        raise _unfit([*done, failed]) from None
 
 
 @contextmanager
@@ -143,17 +152,25 @@ def as_checkpoint(
         try:
             convert(received.path, part, surroundings, most=limit, limit=CHECK_LIMIT)
         except BadPolicy as error:
-            raise invalid("body", f"is no checkpoint: {error}") from None
-        seconds = round(monotonic() - begun, 3)
-        told = f"a file of torch.save, SHA-256 {received.sha256}"
-        done = Check(name="conversion", outcome="passed", seconds=seconds, detail=told)
+            raise _unfit([_conversion("failed", begun, str(error))]) from None
+        done = _conversion("passed", begun, f"a file of torch.save, SHA-256 {received.sha256}")
         with part.open("rb") as file:
             sha256 = hashlib.file_digest(file, "sha256").hexdigest()
         yield Received(part, sha256, part.stat().st_size), [done]
 
 
-def require_fit(received: Received, header: Header, surroundings: Surroundings) -> list[Check]:
+def _conversion(outcome: Literal["passed", "failed"], begun: float, detail: str) -> Check:
+    seconds = round(monotonic() - begun, 3)
+    return Check(name="conversion", outcome=outcome, seconds=seconds, detail=detail)
+
+
+def require_fit(
+    received: Received, header: Header, surroundings: Surroundings, done: Sequence[Check] = ()
+) -> list[Check]:
     """Tries it once, in a process of its own: better now than in every episode.
+
+    Args:
+        done: what was tried of it before; it is in what comes back.
 
     Raises:
         Problem: 422, it cannot be loaded or does not act, and why; `checks` tells every step.
@@ -162,14 +179,14 @@ def require_fit(received: Received, header: Header, surroundings: Surroundings) 
     looked = Check(name="header", outcome="passed", seconds=0.0, detail=told)
     policy = Checkpoint.of_file(received.path, received.sha256, surroundings).make()
     try:
-        return [looked, *preflight(policy, CHECK_LIMIT)]
+        return [*done, looked, *preflight(policy, CHECK_LIMIT)]
     except NotFit as error:
-        raise _unfit([looked, *error.checks]) from None
+        raise _unfit([*done, looked, *error.checks]) from None
 
 
 def _unfit(checks: Sequence[Check]) -> Problem:
     failed = checks[-1]
-    what = "cannot be loaded" if failed.name == "load" else "does not act"
+    what = FAULTS.get(failed.name, "does not act")
     message = f"{what}: {failed.detail.removeprefix(MISMATCH)}"
     fault = {"field": "body", "message": message}
     said = [check.model_dump(mode="json") for check in checks]

@@ -1,5 +1,6 @@
 """Episodes of evaluations: looked up, filtered, with their decisions and spans."""
 
+import dataclasses
 from typing import Any
 
 from sqlalchemy import Select, func, or_, select, tuple_
@@ -125,6 +126,32 @@ def listed(
         wanted = wanted.where(Episode.evaluation_id.in_(played))
     rows = session.scalars(_from(wanted, cursor).limit(limit + 1)).all()
     return page(rows, limit, lambda one: [one.evaluation_id, one.task, one.index], public)
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Cell:
+    """What the grid of an evaluation shows of an episode."""
+
+    id: str
+    task: str
+    category: Category
+    index: int
+    state: EpisodeState
+    success: bool | None
+    exact: bool | None
+    failure: Failure | None
+
+
+def cells(session: Session, evaluation: str) -> list[Cell]:
+    """Every episode of an evaluation, by task and index."""
+    wanted = select(*(getattr(Episode, one.name) for one in dataclasses.fields(Cell)))
+    of_it = wanted.where(Episode.evaluation_id == evaluation)
+    return [
+        Cell(id, task, Category(category), index, EpisodeState(state), success, exact, failure)
+        for id, task, category, index, state, success, exact, failure in session.execute(
+            of_it.order_by(Episode.task, Episode.index)
+        )
+    ]
 
 
 def _from(wanted: Select[Episode], cursor: str | None) -> Select[Episode]:

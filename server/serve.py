@@ -35,7 +35,7 @@ def serve(settings: Settings, ready: Callable[[str], None] = lambda _: None) -> 
         raise BadUsage(str(error)) from None
     require_safe(settings, sandbox)
     settings = settings.model_copy(update={"sandbox": sandbox.value})
-    with _bound(settings.host, settings.port) as listening:
+    with bound(settings.host, settings.port) as listening:
         settings = settings.model_copy(update={"port": listening.getsockname()[1]})
         app = _application(settings)
         server = _Server(
@@ -68,7 +68,12 @@ class _Server(uvicorn.Server):
         await super().shutdown(sockets)
 
 
-def _bound(host: str, port: int) -> socket.socket:
+def bound(host: str, port: int) -> socket.socket:
+    """A socket that listens.
+
+    Raises:
+        BadUsage: the address cannot be used.
+    """
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     # Only of sockets that are said to be TCP's does asyncio turn Nagle's algorithm off, which
     # would hold back every answer's body for 40 ms.

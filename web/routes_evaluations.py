@@ -6,24 +6,27 @@ from typing import Annotated, Any
 
 from fastapi import Query, Request
 from fastapi.responses import HTMLResponse
+from markupsafe import Markup
 from sqlalchemy.orm import Session
 
 from hide_tasks.contract import Category, Failure
 from server import episodes, evaluations, policies, tasks
 from server.access import Router, Scope, needs
 from server.deps import Reading, TheHub, ThePrincipal
+from server.episodes import Cell
 from server.paging import MOST
 from server.routes.uploads import list_uploads
 from server.schemas import AttemptPublic, EpisodePublic, FailureGroup, RatePublic, Verdicts
 from server.states import ENDED, AttemptState, EvaluationState
 from web.filters import EMPTY_IS_NONE, Filters
-from web.templating import page
+from web.templating import KeptParts, page, part
 from workers.policies import BUILTIN
 
 router = Router(include_in_schema=False)
 
 LISTED = 50
 PICTURES = 60
+grids = KeptParts(300)  # of evaluations that have ended: 100 kB each of the whole suite
 Filtered = Annotated[Filters, Query()]
 
 
@@ -83,11 +86,13 @@ def show_form(
 def show_evaluation(request: Request, session: Reading, id: str) -> HTMLResponse:
     """One evaluation as it stands; a script keeps it up to date."""
     evaluation = evaluations.get(session, id)
-    rows = by_task(all_episodes(session, id))
+    ended = evaluation.state in ENDED
     shown = {
         "evaluation": evaluation,
-        "ended": evaluation.state in ENDED,
-        "rows": {task: (found, verdicts_of(found)) for task, found in rows.items()},
+        "ended": ended,
+        "grid": grids.kept((id, evaluation.last_event), lambda: grid(session, id))
+        if ended
+        else grid(session, id),
         "lost": lost(evaluations.attempts(session, id)),
     }
     return page(request, "evaluation.html", shown)
@@ -113,6 +118,15 @@ def show_failures(request: Request, session: Reading, id: str, filters: Filtered
     return page(request, "failures.html", shown)
 
 
+def grid(session: Session, id: str) -> Markup:
+    """Every episode as a cell, with each task's rates."""
+    by_task: dict[str, list[Cell]] = defaultdict(list)
+    for cell in episodes.cells(session, id):
+        by_task[cell.task].append(cell)
+    rows = {task: (found, verdicts_of(found)) for task, found in by_task.items()}
+    return part("grid.html", {"rows": rows})
+
+
 def all_episodes(session: Session, id: str, **wanted: Any) -> Iterator[EpisodePublic]:
     """Every episode of an evaluation, or those that are wanted."""
     cursor = None
@@ -124,15 +138,7 @@ def all_episodes(session: Session, id: str, **wanted: Any) -> Iterator[EpisodePu
             return
 
 
-def by_task(found: Iterator[EpisodePublic]) -> dict[str, list[EpisodePublic]]:
-    """Episodes by task, in the order of their indices."""
-    rows: dict[str, list[EpisodePublic]] = defaultdict(list)
-    for episode in found:
-        rows[episode.task].append(episode)
-    return {task: sorted(rows[task], key=lambda one: one.index) for task in sorted(rows)}
-
-
-def verdicts_of(found: Sequence[EpisodePublic]) -> Verdicts:
+def verdicts_of(found: Sequence[Cell]) -> Verdicts:
     """Both verdicts over the episodes that are final."""
     final = [episode for episode in found if episode.success is not None]
     success = RatePublic.of(sum(bool(episode.success) for episode in final), len(final))

@@ -149,12 +149,12 @@ def _kept(
     description: str,
     done: Sequence[Check],
 ) -> tuple[PolicyVersionPublic, bool]:
-    header = checkpoints.header_of(received)
+    header = checkpoints.header_of(received, done)
     with hub.database.reading() as session:
         if there := checkpoints.known(session, name, received.sha256):
             return policies.public(session, there), False
         quotas.require_room(session, principal, hub.settings, received.size)
-    checks = checkpoints.require_fit(received, header, hub.surroundings())
+    checks = checkpoints.require_fit(received, header, hub.surroundings(), done)
     hub.blobs.take(received.path, received.sha256)
     with hub.database.writing() as session:
         row = checkpoints.keep(
@@ -164,7 +164,7 @@ def _kept(
             description=description,
             model=header.config.name,
             principal=principal,
-            checks=[*done, *checks],
+            checks=checks,
         )
         quotas.require_room(session, principal, hub.settings, 0)
         checkpoints.try_out(session, row, principal, hub.settings)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from server import cli
+from server import cli, serve
 from tests.processes import gone
 from tests.server import ledgers
 from tests.server.running import RunningServer, until
@@ -44,6 +44,17 @@ def test_a_port_in_use(capfd, tmp_path: Path) -> None:
 
     assert f"Port {port} of 127.0.0.1 is in use; give another --port." in line
     assert not (tmp_path / "data").exists()
+
+
+def test_answers_are_not_held_back() -> None:
+    """Of other sockets asyncio leaves Nagle's algorithm on: 40 ms between a head and its body."""
+    with (
+        serve.bound("127.0.0.1", 0) as listening,
+        socket.create_connection(listening.getsockname()),
+    ):
+        accepted, _ = listening.accept()
+        with accepted:
+            assert accepted.proto == socket.IPPROTO_TCP
 
 
 def test_an_address_that_others_reach(capfd, tmp_path: Path) -> None:

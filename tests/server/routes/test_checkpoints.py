@@ -173,10 +173,14 @@ def refused(here: TestClient, answer: httpx.Response, status: int) -> str:
 def test_what_is_no_checkpoint_is_refused(shared: TestClient, wrong: str) -> None:
     content, message = checkpoint_files.WRONG[wrong]
 
-    detail = refused(shared, upload(shared, content), 422)
+    answer = upload(shared, content)
+    detail = refused(shared, answer, 422)
 
     assert detail.startswith("body: is no checkpoint: ")
     assert message in detail
+    [failed] = problem_of(answer)["checks"]
+    assert (failed["name"], failed["outcome"]) == ("header", "failed")
+    assert failed["detail"] in detail
 
 
 def test_weights_that_fit_no_network_are_named(shared: TestClient) -> None:
