@@ -38,8 +38,8 @@ from server.settings import Settings
 from workers.protocol import INTERNAL
 
 API = "/api/v1"
-# Requests that are worked on at once; the others wait. Pages cost processor time, of which the usual
-# 40 threads lose part by taking it from each other: all are late, and some very late.
+# Requests that are worked on at once; the others wait. Pages cost processor time, and the usual 40
+# threads lose part of it by taking it from each other: all are late, and some very late.
 THREADS = 8
 PROBLEM = {problems.MEDIA_TYPE: {"schema": {"$ref": "#/components/schemas/ProblemDocument"}}}
 TOKEN = {
