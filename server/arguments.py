@@ -37,10 +37,13 @@ def chosen_tasks(names: str, category: str | None = None) -> tuple[str, ...]:
     """The tasks that are named with commas between, or of a category, or all; in order.
 
     Raises:
-        BadUsage: there is no such task, or both were given.
+        BadUsage: there is no such task or category, or both were given.
     """
     from hide_tasks import ALL_TASKS, UnknownTask, load
+    from hide_tasks.contract import Category
 
+    if category not in (None, *Category):
+        raise BadUsage(f"--category {category}: is none; there are {', '.join(Category)}.")
     if names and category:
         raise BadUsage("--tasks and --category exclude each other; give one of them.")
     wanted = [name.strip() for name in names.split(",") if name.strip()] or ALL_TASKS

@@ -357,7 +357,7 @@ def _why_it_waits(session: Session, one: Evaluation) -> str | None:
         )
     )
     return (
-        f"waits for a worker; {before} shards of others are before it"
+        f"waits for a worker; {before} shard{' is' if before == 1 else 's are'} before it"
         if before
         else ("waits for a worker")
     )

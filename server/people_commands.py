@@ -71,7 +71,7 @@ def add_user(
     secret = _password() if password else None
     with _ledger(data, "hide user add", name) as session:
         users.add(session, name, Role(role.value), secret)
-    typer.echo(f"{name} is a {role.value}.", err=True)
+    typer.echo(f"{name}: {role.value}.", err=True)
 
 
 @user.command("set")

@@ -8,7 +8,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
 from hide_tasks.contract import EpisodeResult, EpisodeSpec
-from workers.evaluation import WORKERS_LOG, Watcher
+from workers.evaluation import POLICY_LOG, WORKERS_LOG, Watcher
 from workers.run_folder import RunFolder
 from workers.sandbox.choice import Sandbox
 
@@ -50,7 +50,9 @@ class Reporter(Watcher):
 
     def lost(self, episode: EpisodeSpec, reason: str, final: bool) -> None:
         end = "given up" if final else "tried again"
-        self.say(f"{episode.name}: {reason}; {end}. See {self.folder / WORKERS_LOG}.")
+        self.say(f"{episode.name}: {reason}; {end}.")
+        if final:
+            self.say(f"See {WORKERS_LOG} and {POLICY_LOG} in {self.folder}.")
 
     def say(self, line: str) -> None:
         """One line on standard error."""

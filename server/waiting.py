@@ -104,13 +104,18 @@ def _stopped(hub: Hub) -> Why | None:
     return None
 
 
+def _counted(number: int, what: str) -> str:
+    """ "1 shard is", "2 shards are"."""
+    return f"{number} {what} is" if number == 1 else f"{number} {what}s are"
+
+
 def _reason(busy: dict[str, int], one: Waiting, before: int) -> Why:
     spec = one.evaluation.policy_version.spec
     playing = busy.get(str(spec.get("url")), 0)
     if spec.get("url") and playing >= (spec.get("concurrency") or 1):
         return QueueReason.POLICY_BUSY, f"Its policy's server plays {playing} shards, its most."
     if before:
-        return QueueReason.OTHERS_FIRST, f"{before} shards of others are handed out before."
+        return QueueReason.OTHERS_FIRST, f"{_counted(before, 'shard')} handed out before."
     return QueueReason.WORKERS_BUSY, "It is next, as soon as a worker is free."
 
 
@@ -123,7 +128,8 @@ def workers(session: Session, hub: Hub) -> Workers:
     wanted = wanted.order_by(Attempt.leased, Attempt.id)
     items = [_worker(attempt) for attempt in session.scalars(wanted)]
     playing = sum(one.doing != "begins" for one in items)
-    return Workers(slots=hub.settings.workers, playing=playing, items=items)
+    slots = hub.reconciler.slots() if hub.reconciler else 0
+    return Workers(slots=slots, playing=playing, items=items)
 
 
 def _worker(attempt: Attempt) -> WorkerPublic:

@@ -66,6 +66,7 @@ def test_what_does_not_complete_is_exit_status_1(capfd, server: tuple[Hub, str])
         ("submit noop --split best", "--split best: is not one of train, val, test"),
         ("submit noop --episodes 26", "--episodes 26: test has 25 a task"),
         ("submit noop --tasks fly", "No task 'fly'"),
+        ("submit noop --category FOO", "--category FOO: is none; there are RC, HSR, EPT"),
         ("watch ev_nothing", "No evaluation 'ev_nothing'"),
         ("watch ev_nothing --server nowhere", "nowhere is no address such as http://"),
         ("export ev_nothing", "No evaluation 'ev_nothing'"),

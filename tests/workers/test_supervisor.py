@@ -212,11 +212,12 @@ def test_nothing_is_left_of_an_attempt_that_is_ended(
 ) -> None:
     monkeypatch.setenv("TMPDIR", str(tmp_path))  # where its scratch folder stays behind
     supervisor.simulator.close()
+    others = set(descendants_that_run("workers.simulator_host"))  # of tests before this one
     with closing(LocalEngine(run_shard, workers=1)) as engine:
         engine.submit("s1:1", shard(peer, hosted("Hangs", timeout=60.0)), 300.0)
         wait_for(lambda: peer.kept.pieces, "an episode under way")
         wait_for(lambda: len(descendants_that_run("workers.policy_host")) == 1, "its policy")
-        [simulator] = descendants_that_run("workers.simulator_host")
+        [simulator] = set(descendants_that_run("workers.simulator_host")) - others
         [policy] = descendants_that_run("workers.policy_host")
         pool_process = parent(simulator)
         if end == "kill":

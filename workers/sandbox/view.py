@@ -37,11 +37,10 @@ class View:
                 yield child
 
     def covered(self, folder: Path) -> Iterator[Path]:
-        """What must not be seen of a folder that is shown."""
-        yield from (one for one in self.hidden if folder in one.parents and one.exists())
-        for child in sorted(folder.iterdir()):
-            if child not in self.hidden and self.hides(child):
-                yield child
+        """What must not be seen of a folder that is shown; no two lie one in the other."""
+        found = {one for one in self.hidden if folder in one.parents and one.exists()}
+        found |= {child for child in folder.iterdir() if self.hides(child)}
+        yield from sorted(one for one in found if found.isdisjoint(one.parents))
 
     def includes(self, folder: Path) -> bool:
         """True if a folder is shown, at least in part."""

@@ -101,7 +101,7 @@ def test_resuming_over_rest(here: TestClient) -> None:
 def test_what_waits_says_why(here: TestClient) -> None:
     create(here)
 
-    assert create(here)["reason"] == "waits for a worker; 1 shards of others are before it"
+    assert create(here)["reason"] == "waits for a worker; 1 shard is before it"
     assert create(here, priority=1)["reason"] == "waits for a worker"
 
 

@@ -64,7 +64,7 @@ def test_a_place_in_the_queue(playing: TestClient) -> None:
     place = playing.get(f"{API}/evaluations/{mine}/queue").json()
 
     assert (place["position"], place["evaluation"], place["before"]) == (2, mine, 1)
-    assert place["detail"] == "1 shards of others are handed out before."
+    assert place["detail"] == "1 shard is handed out before."
 
 
 def test_what_does_not_wait_has_no_place(playing: TestClient) -> None:

@@ -37,6 +37,14 @@ def test_a_class_sees_its_folder_without_what_tells_of_episodes(project: Path) -
     assert covered == {".env", ".git", "data", "runs", "old", "deep/data"}
 
 
+def test_what_is_covered_lies_in_nothing_that_is(project: Path) -> None:
+    """A mount on `runs/a` would be buried by the one on `runs`."""
+    seen = of_class("mine.py:Mine", [project / "runs" / "a", project / "data"])
+
+    covered = sorted(str(path.relative_to(project)) for path in seen.covered(project))
+    assert covered == [".env", ".git", "data", "old", "runs"]
+
+
 def test_a_checkpoint_sees_nothing_but_itself_and_code(project: Path) -> None:
     seen = of_checkpoint(project / "seek.safetensors")
 
