@@ -93,7 +93,7 @@ class Client:
         transport: for httpx, in place of the network.
 
     Raises:
-        ValueError: the address is none.
+        ValueError: the address is none, or the token cannot be one.
     """
 
     def __init__(
@@ -104,6 +104,8 @@ class Client:
         timeout: float = 60.0,
         transport: httpx.BaseTransport | None = None,
     ):
+        if token and not (token.isascii() and token.isprintable()):
+            raise ValueError("the token is none of a server; they are like hide_3f9…_…")
         headers = {"Authorization": f"Bearer {token}"} if token else {}
         address = _address(server)
         self.http = httpx.Client(

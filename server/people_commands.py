@@ -178,6 +178,8 @@ def _ledger(data: Path | None, action: str = "", subject: str = "") -> Iterator[
     from server.problems import Problem
 
     settings = settings_of({"data": data})
+    if not action and isinstance(settings.ledger, Path) and not settings.ledger.exists():
+        raise BadUsage(f"{settings.data} is no data folder of a server; hide user add makes one.")
     settings.data.mkdir(parents=True, exist_ok=True)
     try:
         database = Database(settings.ledger)

@@ -47,6 +47,11 @@ def play(hub: Hub) -> None:
             more = ledgers.play_shard(session, hub.blobs)
 
 
+def test_what_can_be_no_token_is_said_before_it_is_sent() -> None:
+    with pytest.raises(ValueError, match="the token is none of a server"):
+        Client("http://127.0.0.1:8000", token="hide_\u2026")
+
+
 def test_what_is_asked_for_comes_back_typed(here: Client, hub: Hub) -> None:
     spec = BuiltInPolicy(name="noop")
     version = here.register("mine", spec, "does nothing")

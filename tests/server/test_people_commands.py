@@ -77,6 +77,8 @@ def test_a_user_is_changed_and_it_is_kept_who_did(
         ("user add a/b", "'a/b' is no name"),
         ("user add owner --no-password", "'owner' is taken"),
         ("user add ann --role god", "'god' is not one of"),
+        ("user list", "is no data folder of a server"),
+        ("token list", "is no data folder of a server"),
         ("user set ann", "Nothing is to be changed"),
         ("user set nobody --inactive", "No user 'nobody'."),
         ("user set owner --inactive", "owner of local mode stays"),
