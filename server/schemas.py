@@ -40,6 +40,7 @@ Verdict = Literal["success", "exact"]
 PolicyName = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9 _.:+-]{0,79}$")]
 Description = Annotated[str, Field(max_length=2000)]
 SuiteName = Literal["smoke", "RC", "HSR", "EPT", "full"]
+Component = Literal["SCM", "WCM", "PAM"]
 Covers = Literal["smoke", "RC", "HSR", "EPT", "full", "part"]
 
 
@@ -84,12 +85,34 @@ class Verdicts(BaseModel):
 # --- policies ---
 
 
+class PolicyDeclared(_Given):
+    """What whoever registers a policy says of its memory; nobody checks it."""
+
+    memory: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9 _.:+-]{0,39}$")] | None = None
+    clock: StrictBool | None = None  # it is told the number of the decision
+    privileged: StrictBool | None = None  # it knows more than the cameras show
+
+
 class PolicyCreate(_Given):
     """A policy to be registered; the same name again makes its next version."""
 
     name: PolicyName
     description: Description = ""
     spec: NamedPolicy  # a checkpoint is uploaded
+    declared: PolicyDeclared | None = None
+
+
+class PolicyFacts(BaseModel):
+    """What is known of a policy's memory; null where nothing is."""
+
+    source: Literal["built-in", "checkpoint", "declared", "unknown"]
+    memory: str  # what it remembers with: "SCM+WCM+PAM", "none", as declared, or "undeclared"
+    components: list[Component] = []  # of SEEK's memory
+    window: int | None = None  # entries of WCM
+    content: Literal["visual", "proprioception"] | None = None  # what the entries hold
+    clock: bool | None = None  # it is told the number of the decision
+    privileged: bool | None = None  # it knows more than the cameras show
+    preset: str = ""  # the name of a checkpoint's configuration
 
 
 class PolicyVersionPublic(BaseModel):
@@ -104,6 +127,7 @@ class PolicyVersionPublic(BaseModel):
     created: datetime
     owner: str | None  # name of a user; null: the server's own
     checks: list[Check]  # what was tried of it when it came
+    facts: PolicyFacts
     smoke: str | None  # the evaluation that tried it then, of one episode a category
 
 
