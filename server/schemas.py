@@ -298,6 +298,7 @@ class EpisodePublic(BaseModel):
     recording_removed: datetime | None  # when it was, to make room
     live: bool  # the recording is growing
     thumbnail: str | None  # path of a JPEG, 128 x 128
+    preview: str | None  # path of an animated WebP, 128 x 128, a frame a decision
     sandbox: Sandbox | None  # around the policy's process; null if it had none, or not final
 
 
@@ -343,6 +344,31 @@ class FailureGroup(BaseModel):
     task: str
     failure: Failure
     episodes: int
+
+
+class DivergencePublic(BaseModel):
+    """Where two runs of the same episode part."""
+
+    decision: int | None  # of the first run, the first that differs; null: both did the same
+    other_decision: int | None = None  # its counterpart in the second
+    time_a: float = 0.0  # simulated seconds at which each was chosen
+    time_b: float = 0.0
+    why: str  # a sentence
+    other: str | None = None  # the episode that is the second run
+
+
+class RunPublic(BaseModel):
+    """Another run of the same episode."""
+
+    episode: str
+    evaluation: str
+    policy: str
+    version: int
+    reference: bool
+    success: bool
+    exact: bool
+    failure: Failure | None
+    decisions: int
 
 
 LabelName = Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9_.:-]{0,79}$")]

@@ -62,7 +62,7 @@ def register_policy(
             wanted.spec,
             description=wanted.description,
             principal=principal,
-            known=wanted.declared and facts.declared(wanted.declared),
+            known=facts.declared(wanted.declared) if wanted.declared else None,
         )
         version = policies.public(session, row)
     response.headers["Location"] = f"/api/v1/policies/{version.id}"
