@@ -3,7 +3,13 @@
 from pydantic import BaseModel
 
 from hide_tasks.contract import Category, Failure, Rules, Split
-from server.schemas import Compared, Paired, RatePublic, Verdict
+from server.schemas import Compared, Paired, PolicyFacts, RatePublic, Verdict
+
+
+class Entrant(Compared):
+    """One of the policies that are compared."""
+
+    facts: PolicyFacts
 
 
 class Mean(BaseModel):
@@ -64,7 +70,7 @@ class SeveralEpisode(BaseModel):
 class SeveralComparison(BaseModel):
     """Two to six completed evaluations on the episodes that all of them played."""
 
-    policies: list[Compared]
+    policies: list[Entrant]
     suite: str
     split: Split
     rules: Rules

@@ -12,8 +12,9 @@ from sqlalchemy.orm import Session
 
 from hide_tasks import load
 from hide_tasks.contract import Category, Split
-from server import comparisons, statistics
+from server import comparisons, facts, statistics
 from server.comparison_schemas import (
+    Entrant,
     Figures,
     Mean,
     PairComparison,
@@ -131,7 +132,7 @@ def compare(
     played = _played(session, ones, verdict)
     categories = {load(task).category for task in played.tasks}
     return SeveralComparison(
-        policies=[comparisons.compared(one) for one in ones],
+        policies=[_entrant(one) for one in ones],
         suite=f"{ones[0].suite} {ones[0].suite_version}",
         split=ones[0].split,
         rules=ones[0].rules,
@@ -145,6 +146,11 @@ def compare(
         figures=_figures(played),
         episodes=_episodes(played),
     )
+
+
+def _entrant(one: Evaluation) -> Entrant:
+    known = facts.of_version(one.policy_version)
+    return Entrant(**comparisons.compared(one).model_dump(), facts=known)
 
 
 def _sources_differ(ones: Sequence[Evaluation], task: str) -> bool:
