@@ -12,6 +12,7 @@ from starlette.types import Scope
 import server.app
 from server.settings import Settings
 from web import (
+    routes_ablations,
     routes_account,
     routes_batches,
     routes_comparisons,
@@ -34,6 +35,7 @@ ROUTES = (
     routes_leaderboard,
     routes_snapshots,
     routes_comparisons,
+    routes_ablations,
     routes_evaluations,
     routes_batches,
     routes_policies,

@@ -1,11 +1,10 @@
 """Rates as upright bars with their intervals, side by side."""
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 from markupsafe import Markup
 
-from server.schemas import RatePublic
 from web.charts import element
 
 HEIGHT = 120.0  # px of 100 %
@@ -14,12 +13,25 @@ PITCH, WIDTH = 34.0, 22.0  # px of a bar with what is around it, and without
 TICKS = (0.0, 0.25, 0.5, 0.75, 1.0)
 
 
+class Measured(Protocol):
+    """A rate, or a mean of rates."""
+
+    @property
+    def value(self) -> float | None: ...
+    @property
+    def low(self) -> float: ...
+    @property
+    def high(self) -> float: ...
+    @property
+    def episodes(self) -> int: ...
+
+
 class Bar(NamedTuple):
     """One rate."""
 
     label: str  # short: it stands below the bar
     name: str
-    rate: RatePublic | None  # none: not measured
+    rate: Measured | None  # none: not measured
     published: float | None = None  # the paper's figure, drawn as a dashed line
 
 
@@ -64,7 +76,7 @@ def _bar(bar: Bar, x: float) -> list[Markup]:
     return [element("g", element("title", _told(bar)), *marks)]
 
 
-def _measured(rate: RatePublic, value: float, x: float) -> list[Markup]:
+def _measured(rate: Measured, value: float, x: float) -> list[Markup]:
     middle, y = x + WIDTH / 2, _at(value)
     whisker = {"x1": middle, "x2": middle, "y1": _at(rate.low), "y2": _at(rate.high)}
     number = {"x": middle, "y": _at(rate.high) - 4, "text_anchor": "middle"}
