@@ -53,13 +53,19 @@ def show_ablations(
         "splits": SPLITS,
         "places": [(size, clock, found.places.get(place_of(size, clock), 0))
                    for size in SIZES for clock in (False, True)],
-        "labels": {row.key: row.label for block in found.blocks for row in block.rows},
+        "labels": {block.name: _labels(block) for block in found.blocks},
         "curves": _curves(blocks["length"]),
         "progressive": _bars(blocks["progressive"], ADDED),
         "single": _bars(blocks["single"], SHORT),
         "together": _together,
     }  # fmt: skip
     return page(request, "ablations.html", shown)
+
+
+def _labels(block: AblationBlock) -> dict[str, str]:
+    """What the lines of a block are called outside their table."""
+    before = "length " if block.name == "length" else ""
+    return {row.key: f"{before}{row.label}" for row in block.rows}
 
 
 def _address(asked: Asked, path: str, **changed: Any) -> str:
