@@ -45,6 +45,9 @@ ID_ROUTES = [
     ("GET", "/episodes/{}/labels"),
     ("GET", "/episodes/{}/thumbnail.jpg"),
     ("GET", "/episodes/{}/recording.rrd"),
+    ("GET", "/episodes/{}/beliefs"),
+    ("GET", "/episodes/{}/actions.json"),
+    ("GET", "/episodes/{}/rerun"),
 ]
 OTHER_ROUTES = [
     ("GET", "/tasks"),
