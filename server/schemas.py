@@ -337,6 +337,34 @@ class ChangePublic(BaseModel):
     hidden: HiddenState
 
 
+class BeliefCheck(BaseModel):
+    """How many stages a policy held to be done at a decision, and how many were."""
+
+    decision: int
+    believed: int
+    true: list[int]  # each would be right; empty: no expert comes here
+    right: bool | None  # null: nothing is known to be true
+
+
+class BeliefsPublic(BaseModel):
+    """What the policy of an episode believed, against the truth."""
+
+    stated: int  # decisions at which it said how many stages it held to be done
+    checked: int  # of these, those at which the truth is known
+    right: int  # of these
+    decisions: list[BeliefCheck]
+
+
+class RerunPublic(BaseModel):
+    """How to play an episode again on one's own machine, and what must come of it."""
+
+    command: str  # with its own policy
+    notes: list[str]  # what that needs and not every machine has
+    replay: str  # with its actions alone, once they are downloaded
+    scene_hash: str | None  # the same everywhere
+    final_state_hash: str | None  # the same on a machine of the same kind
+
+
 class FailureGroup(BaseModel):
     """How many episodes failed in one way."""
 

@@ -49,6 +49,9 @@ ID_ROUTES = [
     ("GET", "/episodes/{}/observations/0/front.jpg"),
     ("GET", "/episodes/{}/thumbnail.jpg"),
     ("GET", "/episodes/{}/recording.rrd"),
+    ("GET", "/episodes/{}/beliefs"),
+    ("GET", "/episodes/{}/actions.json"),
+    ("GET", "/episodes/{}/rerun"),
 ]
 OTHER_ROUTES = [
     ("GET", "/tasks"),
