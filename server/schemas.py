@@ -32,7 +32,9 @@ from server.states import (
     WebhookEvent,
 )
 from workers.preflight import Check
-from workers.protocol import NamedPolicy, PolicySpec
+from workers.protocol import NamedPolicy, PolicySpec, RemotePolicy
+from workers.remote.target import About
+from workers.remote.trial import Step
 from workers.sandbox.choice import Sandbox
 
 Item = TypeVar("Item")
@@ -92,6 +94,20 @@ class PolicyCreate(_Given):
     spec: NamedPolicy  # a checkpoint is uploaded
 
 
+class ConnectionCreate(_Given):
+    """A policy's server to be tried; nothing is registered."""
+
+    spec: RemotePolicy
+
+
+class ConnectionPublic(BaseModel):
+    """What a policy's server answered."""
+
+    fits: bool  # it can be registered; a decision that failed does not hinder that
+    about: About | None  # null: it was not reached
+    steps: list[Step]  # what was tried, in order; the last may have failed
+
+
 class PolicyVersionPublic(BaseModel):
     """One version of a policy; it never changes."""
 
@@ -144,6 +160,14 @@ class EvaluationCreate(_Given):
     rules: Rules = "hide"
     priority: Annotated[int, Field(ge=-100, le=100, strict=True)] = 0  # higher goes first
     recordings: StrictBool = True
+
+
+class EstimateQuery(EvaluationCreate):
+    """An evaluation as a query asks for it, where everything is text."""
+
+    episodes: Annotated[int, Field(ge=1)] | None = None
+    priority: Annotated[int, Field(ge=-100, le=100)] = 0
+    recordings: bool = True
 
 
 class Matrix(_Given):
@@ -204,6 +228,28 @@ class EvaluationPublic(BaseModel):
     owner: str | None  # name of a user; null: the server's own
     sandboxes: list[Sandbox]  # that were around the policy's process, in its final episodes
     last_event: int  # the events after this number are not in here yet
+
+
+class EstimatePublic(BaseModel):
+    """What an evaluation would cost, and what goes before it; nothing was registered."""
+
+    policy: str
+    version: int
+    tasks: list[str]
+    episodes: int  # of all tasks
+    shards: int
+    covers: Covers
+    ranked: bool  # it would enter the leaderboard once it is completed
+    workers: int  # shards that are played for it at a time
+    per_minute: float | None  # episodes; null: there are no workers
+    seconds: float | None  # to play it, once it is begun
+    basis: Literal["policy", "kind", "others", "assumed"]  # the weakest of what its pace is from
+    basis_detail: str  # the same in a sentence
+    evaluations_before: int  # that wait with its priority or a higher one
+    shards_before: int
+    seconds_before: float | None  # by which those before it, and beside it, make it later
+    quotas: "Quotas"
+    refused: str | None  # why it would be refused: a quota is used up
 
 
 class BatchItem(BaseModel):

@@ -61,6 +61,8 @@ OTHER_ROUTES = [
     ("POST", "/policies"),
     ("POST", "/policies/checkpoints"),
     ("GET", "/evaluations"),
+    ("GET", "/evaluations/estimate"),
+    ("POST", "/policies/connection"),
     ("POST", "/evaluations"),
     ("GET", "/batches"),
     ("POST", "/batches"),
