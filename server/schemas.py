@@ -32,7 +32,9 @@ from server.states import (
     WebhookEvent,
 )
 from workers.preflight import Check
-from workers.protocol import NamedPolicy, PolicySpec
+from workers.protocol import NamedPolicy, PolicySpec, RemotePolicy
+from workers.remote.target import About
+from workers.remote.trial import Step
 from workers.sandbox.choice import Sandbox
 
 Item = TypeVar("Item")
@@ -115,6 +117,20 @@ class PolicyFacts(BaseModel):
     preset: str = ""  # the name of a checkpoint's configuration
 
 
+class ConnectionCreate(_Given):
+    """A policy's server to be tried; nothing is registered."""
+
+    spec: RemotePolicy
+
+
+class ConnectionPublic(BaseModel):
+    """What a policy's server answered."""
+
+    fits: bool  # it can be registered; a decision that failed does not hinder that
+    about: About | None  # null: it was not reached
+    steps: list[Step]  # what was tried, in order; the last may have failed
+
+
 class PolicyVersionPublic(BaseModel):
     """One version of a policy; it never changes."""
 
@@ -168,6 +184,14 @@ class EvaluationCreate(_Given):
     rules: Rules = "hide"
     priority: Annotated[int, Field(ge=-100, le=100, strict=True)] = 0  # higher goes first
     recordings: StrictBool = True
+
+
+class EstimateQuery(EvaluationCreate):
+    """An evaluation as a query asks for it, where everything is text."""
+
+    episodes: Annotated[int, Field(ge=1)] | None = None
+    priority: Annotated[int, Field(ge=-100, le=100)] = 0
+    recordings: bool = True
 
 
 class Matrix(_Given):
@@ -230,6 +254,28 @@ class EvaluationPublic(BaseModel):
     last_event: int  # the events after this number are not in here yet
 
 
+class EstimatePublic(BaseModel):
+    """What an evaluation would cost, and what goes before it; nothing was registered."""
+
+    policy: str
+    version: int
+    tasks: list[str]
+    episodes: int  # of all tasks
+    shards: int
+    covers: Covers
+    ranked: bool  # it would enter the leaderboard once it is completed
+    workers: int  # shards that are played for it at a time
+    per_minute: float | None  # episodes; null: there are no workers
+    seconds: float | None  # to play it, once it is begun
+    basis: Literal["policy", "kind", "others", "assumed"]  # the weakest of what its pace is from
+    basis_detail: str  # the same in a sentence
+    evaluations_before: int  # that wait with its priority or a higher one
+    shards_before: int
+    seconds_before: float | None  # by which those before it, and beside it, make it later
+    quotas: "Quotas"
+    refused: str | None  # why it would be refused: a quota is used up
+
+
 class BatchItem(BaseModel):
     """What became of one item of a batch."""
 
@@ -265,6 +311,72 @@ class AttemptPublic(BaseModel):
     reason: str | None  # why it was lost
     leased: datetime
     ended: datetime | None
+
+
+Outcome = Literal["exact", "success", "failed", "running", "lost"]
+Activity = Literal["queued", "starting", "playing", "waiting", "stopped", "incomplete"]
+
+
+class LaneSpan(BaseModel):
+    """An episode as it was played once."""
+
+    episode: str
+    task: str
+    index: int
+    start: datetime
+    end: datetime | None  # null: it is played now
+    outcome: Outcome  # lost: that try was; another played it again
+
+
+class Lane(BaseModel):
+    """What was played one after the other, while other lanes went beside it."""
+
+    number: int  # from 1
+    spans: list[LaneSpan]
+
+
+class Phase(BaseModel):
+    """What an evaluation's time was spent on."""
+
+    activity: Activity
+    start: datetime
+    end: datetime
+    detail: str  # why nobody played
+
+
+class HistoryPublic(BaseModel):
+    """How an evaluation went in wall time."""
+
+    start: datetime  # when it was asked for
+    end: datetime  # now, while it runs
+    running: bool
+    lanes: list[Lane]
+    phases: list[Phase]  # without gaps of a second or more
+    seconds: dict[Activity, float]  # of each
+
+
+class LogLine(BaseModel):
+    """Something that happened to an evaluation, in words."""
+
+    seq: int
+    time: datetime
+    level: str  # "", note, good or bad
+    text: str
+    episode: str | None
+
+
+class WorkersLog(BaseModel):
+    """What workers printed."""
+
+    lines: list[str]  # the newest last
+
+
+class PublicationPublic(BaseModel):
+    """Whether an evaluation may be published, and where it was."""
+
+    publishable: bool
+    reason: str | None  # why not
+    snapshots: list["SnapshotPublic"]  # leaderboards that were kept with it in them
 
 
 # --- episodes ---
