@@ -15,14 +15,16 @@ from server.schemas import Verdict
 router = Router(tags=["exports"])
 
 
-def _of(
+def of_formats(
     formats: type[EvaluationFormat] | type[LeaderboardFormat],
 ) -> dict[int | str, dict[str, Any]]:
+    """The answers of a route that gives out these formats."""
     content: dict[str, Any] = {MEDIA_TYPES[one].partition(";")[0]: {} for one in formats}
     return {200: {"description": "The file.", "content": content}}
 
 
-def _file(pieces: Iterator[bytes], name: str, format: str) -> StreamingResponse:
+def file_of(pieces: Iterator[bytes], name: str, format: str) -> StreamingResponse:
+    """A file to be kept, as it is made."""
     file = f"{name}.{SUFFIXES.get(format, format)}"
     headers = {
         "Content-Disposition": f'attachment; filename="{file}"',
@@ -34,7 +36,7 @@ def _file(pieces: Iterator[bytes], name: str, format: str) -> StreamingResponse:
 @router.get(
     "/evaluations/{evaluation}/export",
     response_class=StreamingResponse,
-    responses=_of(EvaluationFormat),
+    responses=of_formats(EvaluationFormat),
 )
 @needs(Scope.READ)
 def export_evaluation(
@@ -48,11 +50,11 @@ def export_evaluation(
     with hub.database.reading() as session:
         stands = evaluations.get(session, evaluation)
     exported = Exported(hub.database, stands, verdict)
-    return _file(exported.pieces(format), stands.id, format.value)
+    return file_of(exported.pieces(format), stands.id, format.value)
 
 
 @router.get(
-    "/leaderboard/export", response_class=StreamingResponse, responses=_of(LeaderboardFormat)
+    "/leaderboard/export", response_class=StreamingResponse, responses=of_formats(LeaderboardFormat)
 )
 @needs(Scope.READ)
 def export_leaderboard(
@@ -64,4 +66,4 @@ def export_leaderboard(
     """The leaderboard as a file: JSON, CSV, or LaTeX rows of the paper's table."""
     board = leaderboard.leaderboard(session, split=split, verdict=verdict)
     name = f"leaderboard-{split}-{verdict}"
-    return _file(exports.of_leaderboard(board, format), name, format.value)
+    return file_of(exports.of_leaderboard(board, format), name, format.value)

@@ -64,6 +64,8 @@ OTHER_ROUTES = [
     ("GET", "/leaderboard/snapshots"),
     ("POST", "/leaderboard/snapshots"),
     ("GET", "/comparisons"),
+    ("GET", "/comparisons/several"),
+    ("GET", "/comparisons/several/export"),
     ("GET", "/queue"),
     ("GET", "/workers"),
     ("GET", "/workers/log"),
@@ -267,6 +269,14 @@ def test_a_wrong_field_is_named_with_what_is_allowed(
         ("/comparisons", {"a": "nobody", "b": "expert"}, "a"),
         ("/comparisons", {"a": "noop", "b": "expert"}, "a"),  # has nothing completed
         ("/comparisons", {"a": "expert", "b": "expert", "split": "best"}, "split"),
+        ("/comparisons/several", {"policy": "expert"}, "policy"),
+        ("/comparisons/several", {"policy": ["expert"] * 7}, "policy"),
+        ("/comparisons/several", {"policy": ["expert", "exprt"]}, "policy.1"),
+        ("/comparisons/several", {"policy": ["expert", "x" * 101]}, "policy.1"),
+        ("/comparisons/several", {"policy": ["expert", ""]}, "policy.1"),
+        ("/comparisons/several", {"policy": ["noop", "expert"]}, "policy.0"),
+        ("/comparisons/several", {"policy": ["a", "b"], "verdict": "x"}, "verdict"),
+        ("/comparisons/several/export", {"policy": ["a", "b"], "format": "zip"}, "format"),
         ("/leaderboard/snapshots", {"cursor": "WyJhIl0"}, "cursor"),  # ["a"]
         ("/policies", {"cursor": "WzFd"}, "cursor"),
         ("/users", {"limit": "0"}, "limit"),
@@ -300,7 +310,7 @@ def test_a_wrong_field_is_named_with_what_is_allowed(
     ],
 )
 def test_a_wrong_query_is_named(
-    reader: TestClient, path: str, query: dict[str, str], field: str
+    reader: TestClient, path: str, query: dict[str, Any], field: str
 ) -> None:
     answer = reader.get(API + path, params=query)
 
