@@ -22,6 +22,7 @@ from server.routes import (
     episodes,
     evaluations,
     exports,
+    facets,
     health,
     internal,
     labels,
@@ -133,6 +134,7 @@ def _api() -> APIRouter:
         evaluations,
         batches,
         waiting,
+        facets,  # before one episode, whose id may be anything
         episodes,
         labels,
         exports,

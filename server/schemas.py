@@ -321,6 +321,20 @@ class FailureGroup(BaseModel):
     episodes: int
 
 
+class FacetValue(BaseModel):
+    """A value that episodes have, and how many of them."""
+
+    value: str  # as a filter says it: "overcount", "count=3"
+    episodes: int
+
+
+class EpisodeFacets(BaseModel):
+    """What the episodes of a filter differ in; counts respect the filters of other fields."""
+
+    episodes: int  # that the filter finds
+    facets: dict[str, list[FacetValue]]  # by field; hidden values and variations of one task alone
+
+
 LabelName = Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9_.:-]{0,79}$")]
 
 

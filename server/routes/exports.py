@@ -1,6 +1,7 @@
 """Evaluations and the leaderboard as files."""
 
 from collections.abc import Iterator
+from enum import StrEnum
 from typing import Any
 
 from fastapi.responses import StreamingResponse
@@ -15,14 +16,14 @@ from server.schemas import Verdict
 router = Router(tags=["exports"])
 
 
-def _of(
-    formats: type[EvaluationFormat] | type[LeaderboardFormat],
-) -> dict[int | str, dict[str, Any]]:
+def media_types_of(formats: type[StrEnum]) -> dict[int | str, dict[str, Any]]:
+    """What a route says that gives out files in these formats."""
     content: dict[str, Any] = {MEDIA_TYPES[one].partition(";")[0]: {} for one in formats}
     return {200: {"description": "The file.", "content": content}}
 
 
-def _file(pieces: Iterator[bytes], name: str, format: str) -> StreamingResponse:
+def file_of(pieces: Iterator[bytes], name: str, format: str) -> StreamingResponse:
+    """A file to be kept, as it is made."""
     file = f"{name}.{SUFFIXES.get(format, format)}"
     headers = {
         "Content-Disposition": f'attachment; filename="{file}"',
@@ -34,7 +35,7 @@ def _file(pieces: Iterator[bytes], name: str, format: str) -> StreamingResponse:
 @router.get(
     "/evaluations/{evaluation}/export",
     response_class=StreamingResponse,
-    responses=_of(EvaluationFormat),
+    responses=media_types_of(EvaluationFormat),
 )
 @needs(Scope.READ)
 def export_evaluation(
@@ -48,11 +49,13 @@ def export_evaluation(
     with hub.database.reading() as session:
         stands = evaluations.get(session, evaluation)
     exported = Exported(hub.database, stands, verdict)
-    return _file(exported.pieces(format), stands.id, format.value)
+    return file_of(exported.pieces(format), stands.id, format.value)
 
 
 @router.get(
-    "/leaderboard/export", response_class=StreamingResponse, responses=_of(LeaderboardFormat)
+    "/leaderboard/export",
+    response_class=StreamingResponse,
+    responses=media_types_of(LeaderboardFormat),
 )
 @needs(Scope.READ)
 def export_leaderboard(
@@ -64,4 +67,4 @@ def export_leaderboard(
     """The leaderboard as a file: JSON, CSV, or LaTeX rows of the paper's table."""
     board = leaderboard.leaderboard(session, split=split, verdict=verdict)
     name = f"leaderboard-{split}-{verdict}"
-    return _file(exports.of_leaderboard(board, format), name, format.value)
+    return file_of(exports.of_leaderboard(board, format), name, format.value)
