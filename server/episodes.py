@@ -1,6 +1,7 @@
 """Episodes of evaluations: looked up, filtered, with their decisions and spans."""
 
 import dataclasses
+from collections.abc import Iterable
 from typing import Any
 
 from sqlalchemy import func, select, tuple_
@@ -52,7 +53,6 @@ def get(session: Session, id: str) -> EpisodeDetail:
         _fields(episode)
         | {
             "start": episode.start,
-            "budget": budget(episode),
             "checks": last if last is not None else start.get("checks", {}),
             "previous": _neighbour(session, episode, forwards=False),
             "next": _neighbour(session, episode, forwards=True),
@@ -160,6 +160,16 @@ def decisions(session: Session, id: str) -> list[DecisionPublic]:
     return [DecisionPublic.model_validate(_decision(one)) for one in session.scalars(found)]
 
 
+def decisions_of(session: Session, ids: Iterable[str]) -> dict[str, list[DecisionPublic]]:
+    """The decisions of several episodes, in order; those without any are left out."""
+    found: dict[str, list[DecisionPublic]] = {}
+    wanted = select(Decision).where(Decision.episode_id.in_(ids))
+    for one in session.scalars(wanted.order_by(Decision.episode_id, Decision.number)):
+        decision = DecisionPublic.model_validate(_decision(one))
+        found.setdefault(one.episode_id, []).append(decision)
+    return found
+
+
 def _decision(one: Decision) -> dict[str, Any]:
     fields = {
         name: getattr(one, name) for name in DecisionPublic.model_fields if name != "decision"
@@ -224,16 +234,20 @@ def public(episode: Episode) -> EpisodePublic:
 
 
 def _fields(episode: Episode) -> dict[str, Any]:
-    own = {"evaluation", "policy", "recording", "recording_removed", "thumbnail", "live"}
+    own = {"evaluation", "policy", "version", "budget", "recording", "recording_removed", "live"}
+    own |= {"thumbnail", "preview"}
     fields = {n: getattr(episode, n) for n in EpisodePublic.model_fields if n not in own}
     path = f"/api/v1/episodes/{episode.id}"
     live = episode.state == EpisodeState.RUNNING and episode.evaluation.recordings
     return fields | {
         "evaluation": episode.evaluation_id,
         "policy": episode.evaluation.policy_version.policy.name,
+        "version": episode.evaluation.policy_version.number,
+        "budget": budget(episode),
         "recording": f"{path}/recording.rrd" if _is_kept(episode) or live else None,
         "recording_removed": episode.removal and episode.removal.time,
         "live": live,
+        "preview": f"{path}/preview.webp" if _is_kept(episode) else None,
         "thumbnail": f"{path}/thumbnail.jpg" if episode.thumbnail else None,
     }
 
