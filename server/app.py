@@ -23,6 +23,7 @@ from server.routes import (
     episodes,
     evaluations,
     exports,
+    facets,
     health,
     history,
     internal,
@@ -137,6 +138,7 @@ def _api() -> APIRouter:
         batches,
         waiting,
         history,
+        facets,  # before one episode, whose id may be anything
         episodes,
         reruns,
         labels,

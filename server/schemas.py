@@ -388,6 +388,7 @@ class EpisodePublic(BaseModel):
     id: str
     evaluation: str
     policy: str
+    version: int
     task: str
     category: Category
     split: Split
@@ -401,6 +402,7 @@ class EpisodePublic(BaseModel):
     failure: Failure | None  # null only if exact, or not final
     detail: str
     decisions: int | None
+    budget: int  # decisions that it may take
     stage: str | None  # what the world called for at the end
     scene_hash: str | None
     final_state_hash: str | None
@@ -418,7 +420,6 @@ class EpisodeDetail(EpisodePublic):
     """One episode with what a reader wants beside it."""
 
     start: Start | None  # what was true before the first decision
-    budget: int  # decisions
     checks: dict[str, bool]  # at the end
     previous: str | None  # id of the neighbour in the same evaluation
     next: str | None
@@ -484,6 +485,20 @@ class FailureGroup(BaseModel):
     task: str
     failure: Failure
     episodes: int
+
+
+class FacetValue(BaseModel):
+    """A value that episodes have, and how many of them."""
+
+    value: str  # as a filter says it: "overcount", "count=3"
+    episodes: int
+
+
+class EpisodeFacets(BaseModel):
+    """What the episodes of a filter differ in; counts respect the filters of other fields."""
+
+    episodes: int  # that the filter finds
+    facets: dict[str, list[FacetValue]]  # by field; hidden values and variations of one task alone
 
 
 class DivergencePublic(BaseModel):

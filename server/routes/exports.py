@@ -1,6 +1,7 @@
 """Evaluations and the leaderboard as files."""
 
 from collections.abc import Iterator
+from enum import StrEnum
 from typing import Any
 
 from fastapi.responses import StreamingResponse
@@ -15,9 +16,7 @@ from server.schemas import Verdict
 router = Router(tags=["exports"])
 
 
-def of_formats(
-    formats: type[EvaluationFormat] | type[LeaderboardFormat],
-) -> dict[int | str, dict[str, Any]]:
+def of_formats(formats: type[StrEnum]) -> dict[int | str, dict[str, Any]]:
     """The answers of a route that gives out these formats."""
     content: dict[str, Any] = {MEDIA_TYPES[one].partition(";")[0]: {} for one in formats}
     return {200: {"description": "The file.", "content": content}}
