@@ -18,7 +18,6 @@ from server.paging import MOST
 from server.schemas import (
     EpisodePublic,
     EvaluationPublic,
-    Leaderboard,
     Verdict,
     Verdicts,
 )
@@ -58,14 +57,6 @@ class EvaluationFormat(StrEnum):
     JSONL = "jsonl"  # a document per final episode, with all decisions
     LATEX = "latex"  # the row of the paper's table
     ZIP = "zip"  # all of these
-
-
-class LeaderboardFormat(StrEnum):
-    """How the leaderboard is given out."""
-
-    JSON = "json"
-    CSV = "csv"
-    LATEX = "latex"
 
 
 MEDIA_TYPES = {
@@ -161,37 +152,6 @@ class Exported:
         )
         name = f"{one.policy}@{one.version}"
         yield latex.of_evaluation(name, self._tasks(), self.verdict, remarks).encode()
-
-
-# --- the leaderboard ---
-
-
-def of_leaderboard(board: Leaderboard, format: LeaderboardFormat) -> Iterator[bytes]:
-    """The leaderboard as a file."""
-    if format is LeaderboardFormat.JSON:
-        yield board.model_dump_json(indent=1).encode() + b"\n"
-    elif format is LeaderboardFormat.CSV:
-        yield from _board_csv(board)
-    else:
-        remarks = (f"{board.suite}, {board.split}, {board.verdict} in percent. {NOTE}",)
-        yield latex.of_leaderboard(board.rows, board.verdict, remarks).encode()
-
-
-def _board_csv(board: Leaderboard) -> Iterator[bytes]:
-    names = [column.task for column in board.columns]
-    head = ["rank", "policy", "version", "reference", "evaluation", "ended"]
-    for verdict in ("success", "exact"):
-        head += [f"{verdict}{part}" for part in ("", "_low", "_high", "_episodes")]
-        head += [f"{verdict}_{name}" for name in names]
-    yield line_of(head)
-    for row in board.rows:
-        cells: list[Any] = [row.rank, row.policy, row.version, row.reference, row.evaluation]
-        cells.append(row.ended.isoformat())
-        for verdict in ("success", "exact"):
-            rate = getattr(row.overall, verdict)
-            cells += [rate.value, rate.low, rate.high, rate.episodes]
-            cells += [getattr(row.tasks[name], verdict).value for name in names]
-        yield line_of(cells)
 
 
 # --- files ---

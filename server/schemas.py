@@ -468,6 +468,31 @@ class LeaderboardColumn(BaseModel):
     certificate: CertificatePublic | None
 
 
+class BeliefPublic(BaseModel):
+    """Before how many decisions the `stage_count` that a policy states is the number of times that
+    what the task calls for had changed; over the episodes in which it states one.
+    """
+
+    right: int
+    decisions: int
+    episodes: int
+    value: float
+    low: float  # 95 %; decisions of one episode are not taken for independent tries
+    high: float
+
+
+class NormalisedPublic(BaseModel):
+    """(rate - ceiling) / (1 - ceiling), of the rate over the tasks that count and the mean of
+    their ceilings: 0 is the most that is possible without memory, 1 is all, less than 0 is less.
+    """
+
+    value: float
+    low: float  # 95 %, of the rate's
+    high: float
+    tasks: list[str]  # that count: of a strong certificate and a ceiling below 1
+    episodes: int
+
+
 class LeaderboardRow(BaseModel):
     """A policy's latest complete evaluation."""
 
@@ -484,6 +509,12 @@ class LeaderboardRow(BaseModel):
     tasks: dict[str, Verdicts]
     categories: dict[str, Verdicts]  # RC, HSR, EPT
     overall: Verdicts
+    # What snapshots of before do not have:
+    policy_version: str | None = None
+    owner: str | None = None  # of the policy, name of a user; null: the server's own
+    gap: RatePublic | None = None  # successes that are not exact
+    normalised: NormalisedPublic | None = None  # of the ranking verdict
+    belief: BeliefPublic | None = None  # null: the policy states none
 
 
 class Leaderboard(BaseModel):
@@ -496,6 +527,7 @@ class Leaderboard(BaseModel):
     ceilings: dict[str, float | None]  # of the ranking verdict: per task, per category, "overall"
     rows: list[LeaderboardRow]
     unlisted: int  # evaluations of the split that are incomplete, partial, or superseded
+    left_out: int = 0  # rows, by the filters; ranks are those among all
 
 
 class SnapshotCreate(_Given):
