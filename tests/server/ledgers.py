@@ -25,6 +25,7 @@ from hide_tasks.contract import (
     Start,
     Timing,
 )
+from seek_model.presets import preset
 from server import checkpoints, evaluations, lifecycle, policies
 from server.blobs import Blobs
 from server.checkpoints import Received
@@ -104,13 +105,20 @@ def registered(database: Database, name: str) -> str:
 
 
 def uploaded(
-    database: Database, store: Blobs, name: str, content: bytes, checks: Sequence[Check] = ()
+    database: Database,
+    store: Blobs,
+    name: str,
+    content: bytes,
+    checks: Sequence[Check] = (),
+    model: str = "seek-small",
 ) -> str:
     """A policy of somebody's that is a checkpoint, of which nothing is looked at; its id."""
-    received = Received(Path(), store.put(content), len(content))
-    about = {"name": name, "description": "", "model": "seek-small"}
+    received, config = Received(Path(), store.put(content), len(content)), preset(model)
     with database.writing() as session:
-        return checkpoints.keep(session, received, checks=checks, **about).id
+        kept = checkpoints.keep(
+            session, received, name=name, description="", config=config, checks=checks
+        )
+        return kept.id
 
 
 def created(session: Session, policy: str = "expert", **wanted: Any) -> Evaluation:
