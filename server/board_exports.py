@@ -9,6 +9,7 @@ from server.exports import NOTE, line_of
 from server.schemas import BeliefPublic, Leaderboard, LeaderboardRow, NormalisedPublic, RatePublic
 
 BOUNDS = ("", "_low", "_high")
+FACTS = ("memory", "window", "clock", "privileged", "preset")
 
 
 class LeaderboardFormat(StrEnum):
@@ -67,6 +68,7 @@ MORE = (
     *(f"{name}{part}" for name in ("gap", "normalised", "belief") for part in BOUNDS),
     "belief_decisions",
     "owner",
+    *FACTS,
 )
 
 
@@ -74,7 +76,8 @@ def _more(row: LeaderboardRow) -> list[Any]:
     cells: list[Any] = [row.rank_best, row.rank_worst]
     for found in (row.gap, row.normalised, row.belief):
         cells += _bounds(found)
-    return [*cells, row.belief and row.belief.decisions, row.owner]
+    known = [getattr(row.facts, name, None) for name in FACTS]
+    return [*cells, row.belief and row.belief.decisions, row.owner, *known]
 
 
 def _bounds(found: RatePublic | NormalisedPublic | BeliefPublic | None) -> list[float | None]:

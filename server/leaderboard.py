@@ -17,7 +17,7 @@ from sqlalchemy.orm import Session
 
 from hide_tasks import ALL_TASKS, load, suite
 from hide_tasks.contract import Category, Split
-from server import beliefs, outcomes, ranks, tasks
+from server import beliefs, facts, outcomes, ranks, tasks
 from server.evaluations import Counts, verdicts
 from server.models import Evaluation
 from server.normalised import counting, normalised
@@ -181,6 +181,7 @@ def _row(
         gap=gap(overall),
         normalised=measure(by_task),
         belief=said,
+        facts=facts.of_version(one.policy_version),
     )
 
 

@@ -565,6 +565,7 @@ class LeaderboardRow(BaseModel):
     gap: RatePublic | None = None  # successes that are not exact
     normalised: NormalisedPublic | None = None  # of the ranking verdict
     belief: BeliefPublic | None = None  # null: the policy states none
+    facts: PolicyFacts | None = None  # what is known of its memory
 
 
 class Leaderboard(BaseModel):
@@ -578,6 +579,26 @@ class Leaderboard(BaseModel):
     rows: list[LeaderboardRow]
     unlisted: int  # evaluations of the split that are incomplete, partial, or superseded
     left_out: int = 0  # rows, by the filters; ranks are those among all
+
+
+class PublishedRow(BaseModel):
+    """A method's line of the paper's main table, in percent as it is printed."""
+
+    method: str
+    memory_based: bool
+    tasks: dict[str, float]
+    categories: dict[str, float]
+    overall: float
+
+
+class PublishedPublic(BaseModel):
+    """What the paper printed; it is never ranked with what was measured here."""
+
+    source: str
+    simulator: str
+    comparable: Literal[False]
+    episodes: int  # of each task
+    rows: list[PublishedRow]
 
 
 class SnapshotCreate(_Given):

@@ -40,6 +40,9 @@ class BoardQuery(BaseModel):
     verdict: Verdict = Field("success", description="Ranks by it.")
     category: Category | None = Field(None, description="Only its columns; ranks are overall.")
     search: Text | None = Field(None, description="Stands in the policy's name or version.")
+    memory: Text | None = Field(None, description="As `facts.memory` says, e.g. SCM+WCM+PAM.")
+    clock: Literal["yes", "no", "unknown"] | None = None
+    privileged: Literal["show", "hide"] = Field("show", description="What is known to be so.")
     owner: Text | None = None
     since: date | None = Field(None, description="Evaluated on this day (UTC) or later.")
     sort: Sort = RANK
@@ -98,8 +101,29 @@ def _owned(row: LeaderboardRow, owner: str) -> bool:
     return row.owner == owner
 
 
+def _remembering(row: LeaderboardRow, memory: str) -> bool:
+    return row.facts is not None and row.facts.memory == memory
+
+
+def _with_clock(row: LeaderboardRow, clock: str) -> bool:
+    return clock == clock_of(row)
+
+
+def clock_of(row: LeaderboardRow) -> str:
+    """Whether a policy is told the number of its decision: yes, no, or unknown."""
+    told = row.facts.clock if row.facts else None
+    return "unknown" if told is None else "yes" if told else "no"
+
+
+def _unprivileged(row: LeaderboardRow, _: str) -> bool:
+    return not (row.facts and row.facts.privileged)
+
+
 FILTERS: dict[str, Callable[[LeaderboardRow, Any], bool]] = {
     "search": _named,
+    "memory": _remembering,
+    "clock": _with_clock,
+    "privileged": _unprivileged,
     "owner": _owned,
     "since": _ended_since,
 }

@@ -4,11 +4,11 @@ from typing import Annotated
 
 from fastapi import Query
 
-from server import leaderboard, standings, tasks
+from server import leaderboard, published, standings, tasks
 from server.access import Router, Scope, needs
 from server.deps import Reading
 from server.revalidation import Revalidate
-from server.schemas import Leaderboard, TaskPublic
+from server.schemas import Leaderboard, PublishedPublic, TaskPublic
 from server.standings import BoardQuery
 
 router = Router(tags=["catalogue"])
@@ -41,3 +41,10 @@ def get_leaderboard(
     revalidate.unless(wanted.model_dump_json(), standing, leaderboard.columns())
     board = leaderboard.leaderboard(session, split=wanted.split, verdict=wanted.verdict)
     return standings.shown(board, wanted)
+
+
+@router.get("/leaderboard/published")
+@needs(Scope.READ)
+def get_published() -> PublishedPublic:
+    """What the paper printed. It was measured in another simulator, and is not comparable."""
+    return published.published()
