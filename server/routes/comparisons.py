@@ -9,9 +9,9 @@ from pydantic import StringConstraints
 from hide_tasks.contract import Split
 from server import comparison_exports, several
 from server.access import Router, Scope, needs
+from server.board_exports import LeaderboardFormat
 from server.comparison_schemas import SeveralComparison
 from server.deps import Reading
-from server.exports import LeaderboardFormat
 from server.revalidation import Revalidate
 from server.routes.exports import file_of, of_formats
 from server.schemas import Verdict

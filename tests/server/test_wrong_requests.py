@@ -61,6 +61,7 @@ ID_ROUTES = [
 OTHER_ROUTES = [
     ("GET", "/tasks"),
     ("GET", "/leaderboard"),
+    ("GET", "/leaderboard/published"),
     ("GET", "/leaderboard/snapshots"),
     ("POST", "/leaderboard/snapshots"),
     ("GET", "/comparisons"),
@@ -267,6 +268,14 @@ def test_a_wrong_field_is_named_with_what_is_allowed(
     [
         ("/leaderboard", {"split": "best"}, "split"),
         ("/leaderboard", {"verdict": "both"}, "verdict"),
+        ("/leaderboard", {"sort": "beauty"}, "sort"),
+        ("/leaderboard", {"order": "up"}, "order"),
+        ("/leaderboard", {"category": "XX"}, "category"),
+        ("/leaderboard", {"clock": "maybe"}, "clock"),
+        ("/leaderboard", {"privileged": "no"}, "privileged"),
+        ("/leaderboard", {"since": "yesterday"}, "since"),
+        ("/leaderboard", {"search": "x" * 81}, "search"),
+        ("/leaderboard/export", {"table": "perhaps"}, "table"),
         ("/comparisons", {"a": "expert"}, "b"),
         ("/comparisons", {"a": "nobody", "b": "expert"}, "a"),
         ("/comparisons", {"a": "noop", "b": "expert"}, "a"),  # has nothing completed
