@@ -4,8 +4,9 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 from server import latex
+from server.board_exports import LeaderboardFormat
 from server.comparison_schemas import PairComparison, SeveralComparison
-from server.exports import NOTE, LeaderboardFormat, line_of
+from server.exports import NOTE, line_of
 from server.schemas import RatePublic, Verdicts
 
 

@@ -12,9 +12,9 @@ from server.ablation_rows import Size
 from server.ablation_schemas import Ablations
 from server.ablations import Asked
 from server.access import Router, Scope, needs
+from server.board_exports import LeaderboardFormat
 from server.comparison_schemas import SeveralComparison
 from server.deps import Reading
-from server.exports import LeaderboardFormat
 from server.revalidation import Revalidate
 from server.routes.exports import file_of, of_formats
 from server.schemas import Verdict
