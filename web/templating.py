@@ -114,6 +114,7 @@ ENVIRONMENT.filters.update(
     percent=wording.percent,
     number=wording.number,
     words=wording.words,
+    ordinal=wording.ordinal,
     value=wording.value,
     pairs=wording.pairs,
     moment=wording.moment,
