@@ -428,7 +428,8 @@ def test_a_task_shows_both_moments_of_every_alias_pair(client: TestClient) -> No
         pictures = re.findall(rf'src="(/static/tasks/{name}-alias-\d+-[ab]\.webp)"', text)
 
         pairs = len(committed(name)["aliases"])
-        assert len(pictures) == 2 * text.count('class="alias"') == 2 * pairs
+        assert len(set(pictures)) == 2 * pairs
+        assert text.count('class="alias"') == (pairs if pairs > 1 else 0)
         assert all(client.get(one).status_code == 200 for one in pictures)
 
 
