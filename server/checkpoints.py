@@ -16,8 +16,9 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from seek_model.checkpoint_header import BadCheckpoint, Header, read_header
+from seek_model.config import Config
 from seek_model.other_formats import is_saved
-from server import blobs, evaluations, policies, quotas, smoke
+from server import blobs, evaluations, facts, policies, quotas, smoke
 from server.access import Principal
 from server.blobs import Blobs
 from server.models import Evaluation, Policy, PolicyVersion
@@ -210,7 +211,7 @@ def keep(
     *,
     name: str,
     description: str,
-    model: str,
+    config: Config,
     principal: Principal | None = None,
     checks: Sequence[Check] = (),
 ) -> PolicyVersion:
@@ -220,9 +221,15 @@ def keep(
         Problem: 422, the name is a built-in policy's; 403, it is somebody else's.
     """
     blobs.note(session, received.sha256, received.size, blobs.CHECKPOINT)
-    spec = CheckpointPolicy(sha256=received.sha256, size=received.size, model=model)
+    spec = CheckpointPolicy(sha256=received.sha256, size=received.size, model=config.name)
     return policies.register(
-        session, name, spec, description=description, principal=principal, checks=checks
+        session,
+        name,
+        spec,
+        description=description,
+        principal=principal,
+        checks=checks,
+        known=facts.of_config(config),
     )
 
 

@@ -31,6 +31,8 @@ from server.schemas import (
     Leaderboard,
     Me,
     Page,
+    PolicyCreate,
+    PolicyDeclared,
     PolicyVersionPublic,
     TaskPublic,
     UploadPublic,
@@ -150,9 +152,17 @@ class Client:
         """One version, by id, name (the newest) or name@version."""
         return self._get(PolicyVersionPublic, f"/policies/{_part(name)}")
 
-    def register(self, name: str, spec: NamedPolicy, description: str = "") -> PolicyVersionPublic:
+    def register(
+        self,
+        name: str,
+        spec: NamedPolicy,
+        description: str = "",
+        *,
+        declared: PolicyDeclared | None = None,
+    ) -> PolicyVersionPublic:
         """A policy's next version: a built-in one, a class, a replay or a remote one."""
-        document = {"name": name, "description": description, "spec": spec.model_dump(mode="json")}
+        wanted = PolicyCreate(name=name, description=description, spec=spec, declared=declared)
+        document = wanted.model_dump(mode="json")
         return self._post(PolicyVersionPublic, "/policies", document, timeout=300.0)
 
     def upload(

@@ -1,6 +1,7 @@
 """Episodes of evaluations: looked up, filtered, with their decisions and spans."""
 
 import dataclasses
+from collections.abc import Iterable
 from typing import Any
 
 from sqlalchemy import Select, func, or_, select, tuple_
@@ -175,6 +176,16 @@ def decisions(session: Session, id: str) -> list[DecisionPublic]:
     return [DecisionPublic.model_validate(_decision(one)) for one in session.scalars(found)]
 
 
+def decisions_of(session: Session, ids: Iterable[str]) -> dict[str, list[DecisionPublic]]:
+    """The decisions of several episodes, in order; those without any are left out."""
+    found: dict[str, list[DecisionPublic]] = {}
+    wanted = select(Decision).where(Decision.episode_id.in_(ids))
+    for one in session.scalars(wanted.order_by(Decision.episode_id, Decision.number)):
+        decision = DecisionPublic.model_validate(_decision(one))
+        found.setdefault(one.episode_id, []).append(decision)
+    return found
+
+
 def _decision(one: Decision) -> dict[str, Any]:
     fields = {
         name: getattr(one, name) for name in DecisionPublic.model_fields if name != "decision"
@@ -239,7 +250,7 @@ def public(episode: Episode) -> EpisodePublic:
 
 
 def _fields(episode: Episode) -> dict[str, Any]:
-    own = {"evaluation", "policy", "recording", "recording_removed", "thumbnail", "live"}
+    own = {"evaluation", "policy", "recording", "recording_removed", "thumbnail", "preview", "live"}
     fields = {n: getattr(episode, n) for n in EpisodePublic.model_fields if n not in own}
     path = f"/api/v1/episodes/{episode.id}"
     live = episode.state == EpisodeState.RUNNING and episode.evaluation.recordings
@@ -249,6 +260,7 @@ def _fields(episode: Episode) -> dict[str, Any]:
         "recording": f"{path}/recording.rrd" if _is_kept(episode) or live else None,
         "recording_removed": episode.removal and episode.removal.time,
         "live": live,
+        "preview": f"{path}/preview.webp" if _is_kept(episode) else None,
         "thumbnail": f"{path}/thumbnail.jpg" if episode.thumbnail else None,
     }
 

@@ -175,6 +175,8 @@ class PolicyVersion(Base):
     spec: Mapped[dict[str, Any]]
     reference: Mapped[bool] = mapped_column(default=False)
     checks: Mapped[list[Any] | None]  # what was tried of it when it came
+    # PolicyFacts, of a checkpoint's header or declared; null: as `server.facts` knows without them
+    facts: Mapped[dict[str, Any] | None] = mapped_column(JSON(none_as_null=True))
     created: Mapped[datetime] = mapped_column(default=now)
     policy: Mapped[Policy] = relationship(back_populates="versions", lazy="joined")
 

@@ -6,12 +6,12 @@ from collections.abc import Sequence
 from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
-from server import smoke
+from server import facts, smoke
 from server.access import Principal
 from server.models import Evaluation, Policy, PolicyVersion, new_id
 from server.paging import after, page
 from server.problems import Problem, invalid
-from server.schemas import Page, PolicyVersionPublic
+from server.schemas import Page, PolicyFacts, PolicyVersionPublic
 from workers.policies import BUILTIN
 from workers.preflight import Check
 from workers.protocol import BuiltInPolicy, PolicySpec, ReplayPolicy
@@ -63,12 +63,14 @@ def register(
     reference: bool = False,
     principal: Principal | None = None,
     checks: Sequence[Check] = (),
+    known: PolicyFacts | None = None,
 ) -> PolicyVersion:
     """A policy's next version; whose first one it is owns the policy.
 
     Args:
         principal: who registers it; None for the server itself.
         checks: what was tried of it before.
+        known: what is known of its memory, beyond what its kind tells.
 
     Raises:
         Problem: the name is a built-in policy's or somebody else's, or the replay's evaluation
@@ -96,6 +98,7 @@ def register(
         spec=spec.model_dump(mode="json"),
         reference=reference,
         checks=[check.model_dump(mode="json") for check in checks],
+        facts=known and known.model_dump(mode="json"),
     )
     session.add(version)
     session.flush()
@@ -178,6 +181,7 @@ def _public(version: PolicyVersion, tried: str | None) -> PolicyVersionPublic:
             "created": version.created,
             "owner": version.policy.owner and version.policy.owner.name,
             "checks": version.checks or [],
+            "facts": facts.of_version(version),
             "smoke": tried,
         }
     )

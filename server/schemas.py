@@ -42,6 +42,7 @@ Verdict = Literal["success", "exact"]
 PolicyName = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9 _.:+-]{0,79}$")]
 Description = Annotated[str, Field(max_length=2000)]
 SuiteName = Literal["smoke", "RC", "HSR", "EPT", "full"]
+Component = Literal["SCM", "WCM", "PAM"]
 Covers = Literal["smoke", "RC", "HSR", "EPT", "full", "part"]
 
 
@@ -86,12 +87,34 @@ class Verdicts(BaseModel):
 # --- policies ---
 
 
+class PolicyDeclared(_Given):
+    """What whoever registers a policy says of its memory; nobody checks it."""
+
+    memory: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9 _.:+-]{0,39}$")] | None = None
+    clock: StrictBool | None = None  # it is told the number of the decision
+    privileged: StrictBool | None = None  # it knows more than the cameras show
+
+
 class PolicyCreate(_Given):
     """A policy to be registered; the same name again makes its next version."""
 
     name: PolicyName
     description: Description = ""
     spec: NamedPolicy  # a checkpoint is uploaded
+    declared: PolicyDeclared | None = None
+
+
+class PolicyFacts(BaseModel):
+    """What is known of a policy's memory; null where nothing is."""
+
+    source: Literal["built-in", "checkpoint", "declared", "unknown"]
+    memory: str  # what it remembers with: "SCM+WCM+PAM", "none", as declared, or "undeclared"
+    components: list[Component] = []  # of SEEK's memory
+    window: int | None = None  # entries of WCM
+    content: Literal["visual", "proprioception"] | None = None  # what the entries hold
+    clock: bool | None = None  # it is told the number of the decision
+    privileged: bool | None = None  # it knows more than the cameras show
+    preset: str = ""  # the name of a checkpoint's configuration
 
 
 class ConnectionCreate(_Given):
@@ -120,6 +143,7 @@ class PolicyVersionPublic(BaseModel):
     created: datetime
     owner: str | None  # name of a user; null: the server's own
     checks: list[Check]  # what was tried of it when it came
+    facts: PolicyFacts
     smoke: str | None  # the evaluation that tried it then, of one episode a category
 
 
@@ -386,6 +410,7 @@ class EpisodePublic(BaseModel):
     recording_removed: datetime | None  # when it was, to make room
     live: bool  # the recording is growing
     thumbnail: str | None  # path of a JPEG, 128 x 128
+    preview: str | None  # path of an animated WebP, 128 x 128, a frame a decision
     sandbox: Sandbox | None  # around the policy's process; null if it had none, or not final
 
 
@@ -431,6 +456,31 @@ class FailureGroup(BaseModel):
     task: str
     failure: Failure
     episodes: int
+
+
+class DivergencePublic(BaseModel):
+    """Where two runs of the same episode part."""
+
+    decision: int | None  # of the first run, the first that differs; null: both did the same
+    other_decision: int | None = None  # its counterpart in the second
+    time_a: float = 0.0  # simulated seconds at which each was chosen
+    time_b: float = 0.0
+    why: str  # a sentence
+    other: str | None = None  # the episode that is the second run
+
+
+class RunPublic(BaseModel):
+    """Another run of the same episode."""
+
+    episode: str
+    evaluation: str
+    policy: str
+    version: int
+    reference: bool
+    success: bool
+    exact: bool
+    failure: Failure | None
+    decisions: int
 
 
 LabelName = Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9_.:-]{0,79}$")]

@@ -2,7 +2,7 @@
 
 import asyncio
 from contextlib import suppress
-from typing import Annotated
+from typing import Annotated, Literal
 
 from fastapi import Query, Response
 from fastapi.responses import StreamingResponse
@@ -11,7 +11,7 @@ from sqlalchemy.orm import Session
 from starlette.types import Send
 
 from hide_tasks.contract import Category, Failure
-from server import blobs, episodes, evaluations
+from server import blobs, divergence, episodes, evaluations, pictures
 from server.access import Router, Scope, needs
 from server.deps import Cursor, EpisodeId, EvaluationId, Limit, Reading, TheHub
 from server.files import File
@@ -22,9 +22,11 @@ from server.revalidation import FOR_EVER, Revalidate, Revalidation
 from server.schemas import (
     ChangePublic,
     DecisionPublic,
+    DivergencePublic,
     EpisodeDetail,
     EpisodePublic,
     Page,
+    RunPublic,
     SpanPublic,
 )
 from server.states import EpisodeState
@@ -32,6 +34,7 @@ from server.states import EpisodeState
 router = Router(tags=["episodes"])
 NEVER = {"Cache-Control": "no-store"}
 PATIENCE = 5.0  # s to wait for the first bytes of a running episode's recording
+Camera = Literal["front", "left_shoulder", "right_shoulder", "wrist"]  # contract.CAMERAS
 Text = Annotated[str | None, Field(max_length=80)]
 
 
@@ -134,6 +137,53 @@ def get_thumbnail(episode: str, session: Reading, hub: TheHub) -> File:
     if sha256 is None or not hub.blobs.holds(sha256):
         raise not_found("thumbnail of episode", episode)
     return File(hub.blobs.path(sha256), media_type=blobs.JPEG, headers=FOR_EVER)
+
+
+@router.get(
+    "/episodes/{episode}/preview.webp",
+    response_class=Response,
+    responses={200: {"content": {pictures.WEBP: {}}}},
+)
+@needs(Scope.READ)
+def get_preview(episode: str, session: Reading, hub: TheHub) -> Response:
+    """What the front camera saw, animated, a frame a decision."""
+    content = pictures.preview(hub.blobs, episodes.row(session, episode))
+    return Response(content, media_type=pictures.WEBP, headers=FOR_EVER)
+
+
+@router.get(
+    "/episodes/{episode}/observations/{decision}/{camera}.jpg",
+    response_class=Response,
+    responses={200: {"content": {blobs.JPEG: {}}}},
+)
+@needs(Scope.READ)
+def get_observation(
+    episode: str,
+    decision: Annotated[int, Field(ge=0, le=100_000)],
+    camera: Camera,
+    session: Reading,
+    hub: TheHub,
+) -> Response:
+    """What a camera saw before a decision; one after the last: at the end."""
+    row = episodes.row(session, episode)
+    content = pictures.observation(hub.blobs, row, decision, camera)
+    return Response(content, media_type=blobs.JPEG, headers=FOR_EVER)
+
+
+@router.get("/episodes/{episode}/divergence")
+@needs(Scope.READ)
+def get_divergence(
+    episode: str, session: Reading, other: Annotated[str | None, Query(max_length=40)] = None
+) -> DivergencePublic:
+    """Where it parts from another run of the same episode; without `other`, the expert's."""
+    return divergence.of(session, episode, other)
+
+
+@router.get("/episodes/{episode}/runs")
+@needs(Scope.READ)
+def list_runs_of_same(episode: str, session: Reading) -> list[RunPublic]:
+    """Other policies' runs of the same episode, the newest of each version."""
+    return divergence.runs_of_same(session, episode)
 
 
 @router.get(

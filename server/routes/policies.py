@@ -7,7 +7,7 @@ from typing import Annotated
 from fastapi import Header, Query, Request, Response
 from starlette.requests import ClientDisconnect
 
-from server import checkpoints, policies, quotas
+from server import checkpoints, facts, policies, quotas
 from server.access import Principal, Router, Scope, needs
 from server.checkpoints import Received
 from server.deps import Cursor, Limit, Reading, TheHub, ThePrincipal
@@ -71,6 +71,7 @@ def register_policy(
             wanted.spec,
             description=wanted.description,
             principal=principal,
+            known=facts.declared(wanted.declared) if wanted.declared else None,
         )
         version = policies.public(session, row)
     response.headers["Location"] = f"/api/v1/policies/{version.id}"
@@ -183,7 +184,7 @@ def _kept(
             received,
             name=name,
             description=description,
-            model=header.config.name,
+            config=header.config,
             principal=principal,
             checks=checks,
         )

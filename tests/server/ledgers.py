@@ -25,6 +25,7 @@ from hide_tasks.contract import (
     Start,
     Timing,
 )
+from seek_model.presets import preset
 from server import checkpoints, evaluations, lifecycle, policies
 from server.blobs import Blobs
 from server.checkpoints import Received
@@ -33,6 +34,7 @@ from server.db import Database
 from server.models import Attempt, Episode, Evaluation, Shard
 from server.schemas import EvaluationCreate
 from server.settings import LEDGER
+from tests import viewer_files
 from workers.preflight import Check
 from workers.protocol import (
     EpisodeCommit,
@@ -82,6 +84,7 @@ def laid(folder: Path) -> Path:
     if not path.exists():
         folder.mkdir(parents=True, exist_ok=True)
         path.write_bytes(_new_ledger())
+        viewer_files.lay(folder)
     return path
 
 
@@ -104,13 +107,20 @@ def registered(database: Database, name: str) -> str:
 
 
 def uploaded(
-    database: Database, store: Blobs, name: str, content: bytes, checks: Sequence[Check] = ()
+    database: Database,
+    store: Blobs,
+    name: str,
+    content: bytes,
+    checks: Sequence[Check] = (),
+    model: str = "seek-small",
 ) -> str:
     """A policy of somebody's that is a checkpoint, of which nothing is looked at; its id."""
-    received = Received(Path(), store.put(content), len(content))
-    about = {"name": name, "description": "", "model": "seek-small"}
+    received, config = Received(Path(), store.put(content), len(content)), preset(model)
     with database.writing() as session:
-        return checkpoints.keep(session, received, checks=checks, **about).id
+        kept = checkpoints.keep(
+            session, received, name=name, description="", config=config, checks=checks
+        )
+        return kept.id
 
 
 def created(session: Session, policy: str = "expert", **wanted: Any) -> Evaluation:

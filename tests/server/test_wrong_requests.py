@@ -48,6 +48,10 @@ ID_ROUTES = [
     ("GET", "/episodes/{}/changes"),
     ("GET", "/episodes/{}/spans"),
     ("GET", "/episodes/{}/labels"),
+    ("GET", "/episodes/{}/divergence"),
+    ("GET", "/episodes/{}/runs"),
+    ("GET", "/episodes/{}/preview.webp"),
+    ("GET", "/episodes/{}/observations/0/front.jpg"),
     ("GET", "/episodes/{}/thumbnail.jpg"),
     ("GET", "/episodes/{}/recording.rrd"),
 ]
@@ -104,6 +108,11 @@ def test_every_route_is_tried(reader: TestClient) -> None:
     parameters += ("batch", "snapshot", "label")
     for name in parameters:
         described = {(method, path.replace(f"{{{name}}}", "{}")) for method, path in described}
+    picture = "/episodes/{}/observations/{decision}/{camera}.jpg"
+    described = {
+        (method, path.replace(picture, "/episodes/{}/observations/0/front.jpg"))
+        for method, path in described
+    }
     assert described == tried
 
 

@@ -17,6 +17,7 @@ from tests.seek_model.checkpoints import tiny_checkpoint
 from tests.server import ledgers
 from tests.web import sites
 from tests.web.browsing import WIDTHS, opened, serving, until
+from tests.web.pages import paths
 from tests.web.sites import Site
 from workers.protocol import INTERNAL
 
@@ -39,31 +40,6 @@ def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Site, str
     app = sites.empty(tmp_path_factory.mktemp("site"))
     with serving(app) as address:
         yield sites.filled(app, tmp_path_factory.mktemp("recordings")), address
-
-
-def paths(site: Site) -> list[str]:
-    """Every page but those with the viewer."""
-    [pending, *_] = site.episodes(site.running, state=EpisodeState.PENDING)
-    return [
-        "/",
-        "/?split=val&verdict=exact",
-        "/evaluations",
-        "/evaluations/new",
-        "/tasks",
-        "/tasks/push_button_times",
-        *(f"/evaluations/{id}" for id in (site.completed, site.running, site.incomplete)),
-        f"/evaluations/{site.completed}/failures?task=search_drawer",
-        f"/episodes/{pending}",
-        f"/policies/{site.checkpoint}",
-        "/batches",
-        f"/batches/{site.batch}",
-        "/comparisons?a=mine&b=expert",
-        "/snapshots",
-        "/snapshots/1",
-        "/account",
-        "/account/webhooks",
-        f"/account/webhooks/{site.webhook}",
-    ]
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])

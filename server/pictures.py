@@ -1,0 +1,110 @@
+"""Pictures of an episode, from its recording: what each camera saw, and an animated preview.
+
+Nothing is stored: reading a recording takes 30 ms, and the last ones read are kept.
+"""
+
+from collections import OrderedDict
+from collections.abc import Callable
+from pathlib import Path
+from threading import Lock
+from typing import Generic, TypeVar
+
+from server.blobs import Blobs
+from server.models import Episode
+from server.problems import Problem, not_found
+
+WEBP = "image/webp"
+PREVIEW_CAMERA = "front"
+KEPT_RECORDINGS = 32  # 150 kB of pictures each
+KEPT_PREVIEWS = 512  # 12 kB each
+
+Made = TypeVar("Made")
+
+
+class Latest(Generic[Made]):
+    """What was made last, by the SHA-256 that it was made of."""
+
+    def __init__(self, most: int):
+        self._most, self._lock = most, Lock()
+        self._made: OrderedDict[str, Made] = OrderedDict()
+
+    def get(self, sha256: str, make: Callable[[], Made]) -> Made:
+        """It, made if it is not there."""
+        with self._lock:
+            if sha256 in self._made:
+                self._made.move_to_end(sha256)
+                return self._made[sha256]
+        made = make()
+        with self._lock:
+            self._made[sha256] = made
+            while len(self._made) > self._most:
+                self._made.popitem(last=False)
+        return made
+
+
+_seen: Latest[dict[str, dict[int, bytes]]] = Latest(KEPT_RECORDINGS)
+_previews: Latest[bytes] = Latest(KEPT_PREVIEWS)
+
+
+def preview(store: Blobs, episode: Episode) -> bytes:
+    """An animated WebP of what the front camera saw, a frame a decision.
+
+    Raises:
+        Problem: 404, there is no recording, or none that can be read; 410, it was removed.
+    """
+    from workers.recording_pictures import pictures
+    from workers.recording_pictures import preview as animated
+
+    sha256 = _recording(store, episode)
+
+    def made() -> bytes:
+        seen = _read(store.path(sha256), pictures)
+        if PREVIEW_CAMERA not in seen:
+            raise not_found("preview of episode", episode.id)
+        return animated(seen[PREVIEW_CAMERA])
+
+    return _previews.get(sha256, made)
+
+
+def observation(store: Blobs, episode: Episode, decision: int, camera: str) -> bytes:
+    """A JPEG of what a camera saw before a decision; after the last one, of the end.
+
+    Raises:
+        Problem: 404, there is no such picture; it says which there are. 410, it was removed.
+    """
+    sha256 = _recording(store, episode)
+    seen = _seen.get(sha256, lambda: _read(store.path(sha256), _by_decision))
+    found = seen.get(camera, {})
+    if decision not in found:
+        known = f"0 to {max(found)}" if found else "none"
+        detail = f"The {camera} camera has no picture of decision {decision}; there are {known}."
+        raise Problem(404, "not_found", detail)
+    return found[decision]
+
+
+def _by_decision(path: Path) -> dict[str, dict[int, bytes]]:
+    """Per camera, the first picture of each decision."""
+    from workers.recording_pictures import pictures
+
+    return {
+        camera: {one.decision: one.jpeg for one in reversed(found)}
+        for camera, found in pictures(path).items()
+    }
+
+
+def _recording(store: Blobs, episode: Episode) -> str:
+    if episode.removal is not None:
+        when = f"{episode.removal.time:%Y-%m-%d}"
+        detail = f"The recording was removed on {when} to make room ({episode.removal.reason})."
+        raise Problem(410, "recording_removed", detail)
+    if episode.recording is None or not store.holds(episode.recording):
+        raise not_found("recording of episode", episode.id)
+    return episode.recording
+
+
+def _read(path: Path, how: Callable[[Path], Made]) -> Made:
+    try:
+        return how(path)
+    except (OSError, ValueError, RuntimeError) as error:
+        detail = f"The recording's pictures cannot be read: {error}"
+        raise Problem(404, "unreadable_recording", detail) from None
