@@ -15,6 +15,7 @@ from web import (
     routes_account,
     routes_batches,
     routes_comparisons,
+    routes_demo,
     routes_episodes,
     routes_evaluation,
     routes_evaluations,
@@ -34,6 +35,7 @@ from web.viewer_assets import ViewerAssets
 
 ROUTES = (
     routes_leaderboard,
+    routes_demo,
     routes_snapshots,
     routes_comparisons,
     routes_submit,

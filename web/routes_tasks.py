@@ -1,6 +1,5 @@
 """The tasks: what each asks, what it hides, and what a score on it means."""
 
-from collections.abc import Sequence
 from typing import Annotated
 
 from fastapi import Query, Request
@@ -13,13 +12,13 @@ from server import leaderboard, tasks
 from server.access import Router, Scope, needs
 from server.deps import Reading
 from server.problems import invalid
-from server.schemas import AliasPublic, LeaderboardRow
+from server.schemas import LeaderboardRow
+from web.aliases import clearest
 from web.templating import page
 
 router = Router(include_in_schema=False)
 
 BEST = 5  # policies of a task's page
-EXPLAINS = "push_button_times"  # the task whose alias pair explains the project
 
 
 @router.get("/tasks")
@@ -52,21 +51,6 @@ def show_task(
         "failures": any(one.path == "/failures" for one in iter_route_contexts(request.app.routes)),
     }
     return page(request, "task.html", shown)
-
-
-def clearest(aliases: Sequence[AliasPublic]) -> int | None:
-    """The number of the pair that is understood at once: the fewest pixels differ, late in it."""
-    if not aliases:
-        return None
-    exact = [n for n, one in enumerate(aliases, 1) if max(one.pixels.values()) == 0]
-    return exact[len(exact) // 2] if exact else 1
-
-
-def explaining() -> tuple[str, AliasPublic] | None:
-    """A task's name and its alias pair that explain the project."""
-    found = tasks.task(EXPLAINS).aliases
-    number = clearest(found)
-    return (EXPLAINS, found[number - 1]) if number else None
 
 
 def best(session: Session, task: str) -> list[LeaderboardRow]:

@@ -15,7 +15,7 @@ from fastapi.responses import HTMLResponse
 from markupsafe import Markup, escape
 
 from hide_tasks.machine import installed
-from web import charts, wording
+from web import aliases, charts, wording
 
 HERE = Path(__file__).parent
 STATIC = HERE / "static"
@@ -109,6 +109,7 @@ ENVIRONMENT.globals.update(
     FAILURES=wording.FAILURES,
     OUTCOMES=wording.OUTCOMES,
     verdict_of=wording.verdict,
+    explaining=aliases.explaining,
 )
 ENVIRONMENT.filters.update(
     percent=wording.percent,

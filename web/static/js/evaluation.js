@@ -1,6 +1,6 @@
 /** Keeps the page of an evaluation up to date by the server's events; without it a reload does. */
 import { post, Refused } from "./api.js";
-import { keepLive } from "./live.js";
+import { keepLive, scrollLog } from "./live.js";
 
 const root = /** @type {HTMLElement} */ (document.getElementById("evaluation"));
 const address = `/api/v1/evaluations/${root.dataset.id}`;
@@ -11,6 +11,7 @@ for (const button of root.querySelectorAll("[data-send]")) {
   button.addEventListener("click", () => send(/** @type {HTMLButtonElement} */ (button)));
 }
 if (root.dataset.ended === "no") watch();
+scrollLog();
 
 /** @param {HTMLButtonElement} button */
 async function send(button) {

@@ -71,7 +71,7 @@ function selectorOf(element) {
 }
 
 /** To the newest line. */
-function scrollLog() {
+export function scrollLog() {
   const log = document.querySelector("[data-log]");
   if (log) log.scrollTop = log.scrollHeight;
 }
