@@ -16,7 +16,9 @@ from web import (
     routes_account,
     routes_batches,
     routes_comparisons,
+    routes_demo,
     routes_episodes,
+    routes_evaluation,
     routes_evaluations,
     routes_leaderboard,
     routes_people,
@@ -34,11 +36,13 @@ from web.viewer_assets import ViewerAssets
 
 ROUTES = (
     routes_leaderboard,
+    routes_demo,
     routes_snapshots,
     routes_comparisons,
     routes_ablations,
     routes_submit,
     routes_evaluations,
+    routes_evaluation,
     routes_batches,
     routes_policies,
     routes_episodes,

@@ -15,7 +15,7 @@ from fastapi.responses import HTMLResponse
 from markupsafe import Markup, escape
 
 from hide_tasks.machine import installed
-from web import charts, wording
+from web import aliases, charts, wording
 
 HERE = Path(__file__).parent
 STATIC = HERE / "static"
@@ -109,11 +109,13 @@ ENVIRONMENT.globals.update(
     FAILURES=wording.FAILURES,
     OUTCOMES=wording.OUTCOMES,
     verdict_of=wording.verdict,
+    explaining=aliases.explaining,
 )
 ENVIRONMENT.filters.update(
     percent=wording.percent,
     number=wording.number,
     words=wording.words,
+    ordinal=wording.ordinal,
     value=wording.value,
     pairs=wording.pairs,
     moment=wording.moment,

@@ -130,6 +130,12 @@ def size(count: int) -> str:
     return f"{count}{THIN}bytes"
 
 
+def ordinal(place: int) -> str:
+    """A place in a queue, e.g. '2nd'."""
+    ends = {1: "st", 2: "nd", 3: "rd"}
+    return f"{place}{'th' if place % 100 in (11, 12, 13) else ends.get(place % 10, 'th')}"
+
+
 def verdict(success: bool | None, exact: bool | None) -> str:
     """Both verdicts of a final episode in a word or two."""
     if exact:
