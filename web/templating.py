@@ -15,7 +15,7 @@ from fastapi.responses import HTMLResponse
 from markupsafe import Markup, escape
 
 from hide_tasks.machine import installed
-from web import charts, wording
+from web import belief_track, charts, wording
 
 HERE = Path(__file__).parent
 STATIC = HERE / "static"
@@ -109,6 +109,8 @@ ENVIRONMENT.globals.update(
     FAILURES=wording.FAILURES,
     OUTCOMES=wording.OUTCOMES,
     verdict_of=wording.verdict,
+    belief_summary=belief_track.summary,
+    counts=belief_track.numbers,
 )
 ENVIRONMENT.filters.update(
     percent=wording.percent,
