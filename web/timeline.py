@@ -18,12 +18,7 @@ LANE = 22  # pixels
 BAR = 18
 AXIS = 18
 SHADES = 10  # as many as the style sheet has
-SAID = (
-    "hidden",
-    "stage",
-    "truth",
-    "count",
-)  # kinds of lanes that a screen reader is told on every move
+SAID = ("hidden", "stage", "truth", "count")  # lanes that a screen reader is told of
 FIXED = {"yes": "yes", "no": "no", "–": "nothing"}
 NAMED = {"truth": "true ", "count": "believed "}  # before a lane's name
 STEPS = (0.5, 1, 2, 5, 10, 20, 30, 60, 120, 300, 600)  # seconds between two marks of the axis

@@ -1,4 +1,4 @@
-"""The page of an episode in a real browser: everything follows the moment, with and without viewer."""
+"""An episode's page in a real browser: everything follows the moment, viewer or not."""
 
 from collections.abc import Iterator
 
@@ -24,10 +24,12 @@ pytestmark = [
 
 @pytest.fixture(scope="module")
 def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Site, str]]:
-    """A filled site on a port of its own, and its address; the expert played one episode alike."""
+    """A filled site on a port of its own, and its address; two policies played an episode."""
     app = sites.empty(tmp_path_factory.mktemp("site"))
     with serving(app) as address:
-        yield sites.filled(app, tmp_path_factory.mktemp("recordings")), address
+        site = sites.filled(app, tmp_path_factory.mktemp("recordings"))
+        sites.recorded_run(site.hub, tmp_path_factory.mktemp("others"), "amnesiac")
+        yield site, address
 
 
 def page_of(site: Site, address: str, query: str = "") -> str:
@@ -91,7 +93,7 @@ def test_it_plays_without_the_viewer_and_faster(served: tuple[Site, str], browse
 
         page.keyboard.press("Space")
         assert page.inner_text("#play") == "Pause"
-        until(page, f"{NOW} === 'decision 3 of 8'", 10)
+        until(page, f"{VALUE} > 1", 10)
         page.keyboard.press("Space")
         assert page.inner_text("#play") == "Play"
         there = page.evaluate(VALUE)
@@ -124,7 +126,7 @@ def test_two_runs_stand_beside_each_other_and_move_together(
     site, address = served
     with opened(browser, address, width) as page:
         blind(page, page_of(site, address))
-        page.select_option("#beside", index=1)
+        page.locator("body").press("c")
         page.wait_for_url("**beside=ep_**")
         page.wait_for_selector("#no-viewer:visible", timeout=20_000)
 

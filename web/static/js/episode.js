@@ -28,7 +28,6 @@ if (root.dataset.state !== "final") awaitEnd();
 offerCopies();
 document.addEventListener("keydown", onKey);
 document.addEventListener("click", onClick);
-document.getElementById("beside")?.addEventListener("change", chooseOther);
 
 /** The reader moved the slider. @param {number} seconds */
 function sought(seconds) {
@@ -133,11 +132,6 @@ function onClick(event) {
     event.preventDefault();
     timeline?.go(Number(seek.dataset.seek));
   }
-}
-
-/** @param {Event} event */
-function chooseOther(event) {
-  /** @type {HTMLSelectElement} */ (event.target).form?.requestSubmit();
 }
 
 /** @param {KeyboardEvent} event */
