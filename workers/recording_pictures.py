@@ -48,7 +48,7 @@ def _of_camera(path: Path, name: str) -> list[Picture]:
 
 def _bytes(blob: Any) -> bytes:
     """Of a row: a list of one list of bytes."""
-    return blob.values[0].values.to_numpy().tobytes()
+    return bytes(blob.values[0].values.to_numpy())
 
 
 def preview(seen: Sequence[Picture]) -> bytes:

@@ -25,6 +25,11 @@ ID_ROUTES = [
     ("POST", "/evaluations/{}/cancellation"),
     ("POST", "/evaluations/{}/resumption"),
     ("GET", "/evaluations/{}/queue"),
+    ("GET", "/evaluations/{}/history"),
+    ("GET", "/evaluations/{}/log"),
+    ("POST", "/evaluations/{}/rerun"),
+    ("GET", "/evaluations/{}/publication"),
+    ("POST", "/evaluations/{}/publication"),
     ("GET", "/batches/{}"),
     ("GET", "/leaderboard/snapshots/{}"),
     ("GET", "/leaderboard/snapshots/{}/content.json"),
@@ -43,6 +48,10 @@ ID_ROUTES = [
     ("GET", "/episodes/{}/changes"),
     ("GET", "/episodes/{}/spans"),
     ("GET", "/episodes/{}/labels"),
+    ("GET", "/episodes/{}/divergence"),
+    ("GET", "/episodes/{}/runs"),
+    ("GET", "/episodes/{}/preview.webp"),
+    ("GET", "/episodes/{}/observations/0/front.jpg"),
     ("GET", "/episodes/{}/thumbnail.jpg"),
     ("GET", "/episodes/{}/recording.rrd"),
     ("GET", "/episodes/{}/beliefs"),
@@ -52,11 +61,15 @@ ID_ROUTES = [
 OTHER_ROUTES = [
     ("GET", "/tasks"),
     ("GET", "/leaderboard"),
+    ("GET", "/leaderboard/published"),
     ("GET", "/leaderboard/snapshots"),
     ("POST", "/leaderboard/snapshots"),
     ("GET", "/comparisons"),
+    ("GET", "/comparisons/several"),
+    ("GET", "/comparisons/several/export"),
     ("GET", "/queue"),
     ("GET", "/workers"),
+    ("GET", "/workers/log"),
     ("GET", "/labels"),
     ("POST", "/episodes/{}/labels"),
     ("GET", "/leaderboard/export"),
@@ -64,10 +77,14 @@ OTHER_ROUTES = [
     ("POST", "/policies"),
     ("POST", "/policies/checkpoints"),
     ("GET", "/evaluations"),
+    ("GET", "/evaluations/estimate"),
+    ("POST", "/policies/connection"),
     ("POST", "/evaluations"),
     ("GET", "/batches"),
     ("POST", "/batches"),
     ("GET", "/episodes"),
+    ("GET", "/episodes/facets"),
+    ("GET", "/episodes/export"),
     ("GET", "/me"),
     ("GET", "/tokens"),
     ("POST", "/tokens"),
@@ -99,6 +116,11 @@ def test_every_route_is_tried(reader: TestClient) -> None:
     parameters += ("batch", "snapshot", "label")
     for name in parameters:
         described = {(method, path.replace(f"{{{name}}}", "{}")) for method, path in described}
+    picture = "/episodes/{}/observations/{decision}/{camera}.jpg"
+    described = {
+        (method, path.replace(picture, "/episodes/{}/observations/0/front.jpg"))
+        for method, path in described
+    }
     assert described == tried
 
 
@@ -246,10 +268,26 @@ def test_a_wrong_field_is_named_with_what_is_allowed(
     [
         ("/leaderboard", {"split": "best"}, "split"),
         ("/leaderboard", {"verdict": "both"}, "verdict"),
+        ("/leaderboard", {"sort": "beauty"}, "sort"),
+        ("/leaderboard", {"order": "up"}, "order"),
+        ("/leaderboard", {"category": "XX"}, "category"),
+        ("/leaderboard", {"clock": "maybe"}, "clock"),
+        ("/leaderboard", {"privileged": "no"}, "privileged"),
+        ("/leaderboard", {"since": "yesterday"}, "since"),
+        ("/leaderboard", {"search": "x" * 81}, "search"),
+        ("/leaderboard/export", {"table": "perhaps"}, "table"),
         ("/comparisons", {"a": "expert"}, "b"),
         ("/comparisons", {"a": "nobody", "b": "expert"}, "a"),
         ("/comparisons", {"a": "noop", "b": "expert"}, "a"),  # has nothing completed
         ("/comparisons", {"a": "expert", "b": "expert", "split": "best"}, "split"),
+        ("/comparisons/several", {"policy": "expert"}, "policy"),
+        ("/comparisons/several", {"policy": ["expert"] * 7}, "policy"),
+        ("/comparisons/several", {"policy": ["expert", "exprt"]}, "policy.1"),
+        ("/comparisons/several", {"policy": ["expert", "x" * 101]}, "policy"),
+        ("/comparisons/several", {"policy": ["expert", ""]}, "policy"),
+        ("/comparisons/several", {"policy": ["noop", "expert"]}, "policy.0"),
+        ("/comparisons/several", {"policy": ["a", "b"], "verdict": "x"}, "verdict"),
+        ("/comparisons/several/export", {"policy": ["a", "b"], "format": "zip"}, "format"),
         ("/leaderboard/snapshots", {"cursor": "WyJhIl0"}, "cursor"),  # ["a"]
         ("/policies", {"cursor": "WzFd"}, "cursor"),
         ("/users", {"limit": "0"}, "limit"),
@@ -280,10 +318,22 @@ def test_a_wrong_field_is_named_with_what_is_allowed(
         ("/episodes", {"task": "x" * 81}, "task"),
         ("/episodes", {"label": "x" * 81}, "label"),
         ("/episodes", {"evaluation": "x" * 81}, "evaluation"),
+        ("/episodes", {"hidden": "presses_done"}, "hidden"),
+        ("/episodes", {"hidden": "=3"}, "hidden"),
+        ("/episodes", {"variation": "count"}, "variation"),
+        ("/episodes", {"text": "x" * 201}, "text"),
+        ("/episodes", {"text": "a\x00b"}, "text"),
+        ("/episodes", {"sort": "best"}, "sort"),
+        ("/episodes", {"verdict": "bad"}, "verdict"),
+        ("/episodes/facets", {"task": "serch_drawer"}, "task"),
+        ("/episodes/facets", {"variation": "colour=red"}, "variation"),
+        ("/episodes/facets", {"task": "search_drawer", "variation": "count=3"}, "variation"),
+        ("/episodes/export", {"format": "zip"}, "format"),
+        ("/episodes/export", {"task": "serch_drawer"}, "task"),
     ],
 )
 def test_a_wrong_query_is_named(
-    reader: TestClient, path: str, query: dict[str, str], field: str
+    reader: TestClient, path: str, query: dict[str, Any], field: str
 ) -> None:
     answer = reader.get(API + path, params=query)
 

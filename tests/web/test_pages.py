@@ -270,7 +270,7 @@ def test_a_comparison_shows_the_figures_of_the_api(client: TestClient) -> None:
 
     counts = found["overall"]["table"]
     row = text.partition("all 15</th>")[2].partition("</tr>")[0]
-    assert f"<td>{counts['only_a']}</td>" in row and f"<td>{counts['only_b']}</td>" in row
+    assert all(f"{counts[one] or '<td>0'}</" in row for one in ("only_a", "only_b"))
     assert f"<b>{100 * found['overall']['difference']:+.0f}</b>".replace("-", "−") in row
     for one in found["discordant"][:3]:
         assert f'href="/episodes/{one["a"]}"' in text and f'href="/episodes/{one["b"]}"' in text
@@ -281,13 +281,13 @@ def test_a_comparison_shows_the_figures_of_the_api(client: TestClient) -> None:
     ("asked", "status", "said"),
     [("a=mine&b=nobody", 422, "no policy 'nobody'"), ("a=mine&b=late", 422, "has no completed")],
 )
-def test_what_cannot_be_compared_is_said_above_the_form(
+def test_what_cannot_be_compared_is_said_beside_the_form(
     client: TestClient, asked: str, status: int, said: str
 ) -> None:
     text = unescape(page(client, f"/comparisons?{asked}", status))
 
     assert said in text
-    assert 'name="a" value="mine"' in text
+    assert 'name="policy" value="mine"' in text
 
 
 def test_a_snapshot_shows_what_was_kept_and_its_hash(client: TestClient, site: Site) -> None:
