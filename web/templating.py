@@ -15,7 +15,7 @@ from fastapi.responses import HTMLResponse
 from markupsafe import Markup, escape
 
 from hide_tasks.machine import installed
-from web import aliases, charts, wording
+from web import aliases, belief_track, charts, wording
 
 HERE = Path(__file__).parent
 STATIC = HERE / "static"
@@ -110,6 +110,8 @@ ENVIRONMENT.globals.update(
     OUTCOMES=wording.OUTCOMES,
     verdict_of=wording.verdict,
     explaining=aliases.explaining,
+    belief_summary=belief_track.summary,
+    counts=belief_track.numbers,
 )
 ENVIRONMENT.filters.update(
     percent=wording.percent,
