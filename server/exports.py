@@ -18,7 +18,6 @@ from server.paging import MOST
 from server.schemas import (
     EpisodePublic,
     EvaluationPublic,
-    Leaderboard,
     Verdict,
     Verdicts,
 )
@@ -65,14 +64,6 @@ class EpisodesFormat(StrEnum):
 
     CSV = "csv"
     JSONL = "jsonl"
-
-
-class LeaderboardFormat(StrEnum):
-    """How the leaderboard is given out."""
-
-    JSON = "json"
-    CSV = "csv"
-    LATEX = "latex"
 
 
 MEDIA_TYPES = {
@@ -186,37 +177,6 @@ def _episodes_csv(pages: Iterable[list[EpisodePublic]]) -> Iterator[bytes]:
         for one in page:
             document = one.model_dump(mode="json")
             yield line_of(document[name] for name in EPISODE_COLUMNS)
-
-
-# --- the leaderboard ---
-
-
-def of_leaderboard(board: Leaderboard, format: LeaderboardFormat) -> Iterator[bytes]:
-    """The leaderboard as a file."""
-    if format is LeaderboardFormat.JSON:
-        yield board.model_dump_json(indent=1).encode() + b"\n"
-    elif format is LeaderboardFormat.CSV:
-        yield from _board_csv(board)
-    else:
-        remarks = (f"{board.suite}, {board.split}, {board.verdict} in percent. {NOTE}",)
-        yield latex.of_leaderboard(board.rows, board.verdict, remarks).encode()
-
-
-def _board_csv(board: Leaderboard) -> Iterator[bytes]:
-    names = [column.task for column in board.columns]
-    head = ["rank", "policy", "version", "reference", "evaluation", "ended"]
-    for verdict in ("success", "exact"):
-        head += [f"{verdict}{part}" for part in ("", "_low", "_high", "_episodes")]
-        head += [f"{verdict}_{name}" for name in names]
-    yield line_of(head)
-    for row in board.rows:
-        cells: list[Any] = [row.rank, row.policy, row.version, row.reference, row.evaluation]
-        cells.append(row.ended.isoformat())
-        for verdict in ("success", "exact"):
-            rate = getattr(row.overall, verdict)
-            cells += [rate.value, rate.low, rate.high, rate.episodes]
-            cells += [getattr(row.tasks[name], verdict).value for name in names]
-        yield line_of(cells)
 
 
 # --- files ---

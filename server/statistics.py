@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import bdtr
+from scipy.special import bdtr, stdtrit
 
 from hide_tasks.statistics import wilson
 
@@ -146,6 +146,16 @@ def _differences(drawn: Ints) -> Floats:
 def _percentiles(drawn: Floats) -> tuple[float, float]:
     low, high = np.quantile(drawn, [LEVEL / 2, 1 - LEVEL / 2])
     return float(low), float(high)
+
+
+def of_mean(values: Sequence[float]) -> tuple[float, float] | None:
+    """95 % interval of a mean, by Student's t; None for fewer than two values."""
+    count = len(values)
+    if count < 2:
+        return None
+    mean, spread = float(np.mean(values)), float(np.std(values, ddof=1))
+    half = float(stdtrit(count - 1, 1 - LEVEL / 2)) * spread / sqrt(count)
+    return mean - half, mean + half
 
 
 def holm(values: Sequence[float] | Floats) -> Floats:

@@ -25,7 +25,7 @@ class Waiting(NamedTuple):
 
 def queue(session: Session, hub: Hub, *, limit: int = 50) -> Queue:
     """Evaluations of which shards wait, in the order in which their next ones are handed out."""
-    found = _waiting(session)
+    found = evaluations(session)
     busy, stopped = _busy_servers(session), _stopped(hub)
     before = [0, *accumulate(one.pending for one in found)]
     items = [
@@ -41,8 +41,8 @@ def place(session: Session, hub: Hub, evaluation: str) -> QueueItem | None:
     return next((item for item in items if item.evaluation == evaluation), None)
 
 
-def _waiting(session: Session) -> list[Waiting]:
-    """In the order of `lifecycle.next_shard`."""
+def evaluations(session: Session) -> list[Waiting]:
+    """Those of which shards wait, in the order of `lifecycle.next_shard`."""
 
     def count(state: ShardState) -> ColumnElement[int]:
         return func.sum(cast(Shard.state == state, Integer))

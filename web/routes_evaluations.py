@@ -9,17 +9,14 @@ from fastapi.responses import HTMLResponse
 from markupsafe import Markup
 from sqlalchemy.orm import Session
 
-from hide_tasks.contract import Category
-from server import episodes, evaluations, policies, tasks
+from server import episodes, evaluations, policies
 from server.access import Router, Scope, needs
-from server.deps import Reading, TheHub, ThePrincipal
+from server.deps import Reading
 from server.episodes import Cell
-from server.routes.uploads import list_uploads
 from server.schemas import AttemptPublic, RatePublic, Verdicts
 from server.states import ENDED, AttemptState, EvaluationState
 from web.filters import EMPTY_IS_NONE
 from web.templating import KeptParts, page, part
-from workers.policies import BUILTIN
 
 router = Router(include_in_schema=False)
 
@@ -48,34 +45,6 @@ def list_evaluations(
         "cursor": cursor,
     }
     return page(request, "evaluations.html", shown)
-
-
-@router.get("/evaluations/new")
-@needs(Scope.SUBMIT)
-def show_form(
-    request: Request,
-    session: Reading,
-    hub: TheHub,
-    principal: ThePrincipal,
-    policy: str | None = None,
-    upload: bool = False,
-) -> HTMLResponse:
-    """The form that starts an evaluation, and the one that uploads what is to be evaluated."""
-    versions = policies.versions(session)
-    named = (
-        one.id for one in versions if policy in (one.id, one.policy, f"{one.policy}@{one.version}")
-    )
-    shown = {
-        "upload": upload,
-        "unfinished": list_uploads(session, hub, principal),
-        "limit": hub.settings.checkpoint_limit,
-        "reserved": BUILTIN,
-        "versions": versions,
-        "tasks": tasks.catalogue(),
-        "categories": list(Category),
-        "chosen": next(named, None),  # of a name: its newest version
-    }
-    return page(request, "evaluation_new.html", shown)
 
 
 @router.get("/evaluations/{id}")

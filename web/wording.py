@@ -47,6 +47,13 @@ CHECKS = {  # of workers.preflight.Check, and what the page of an upload adds
     "repetition": "asked the same again",
 }
 
+WIRES = {  # of workers.remote.wires
+    "openpi": "openpi (and ours)",
+    "vla_eval": "vla-eval",
+    "act": "POST /act (OpenVLA)",
+    "gr00t": "GR00T",
+}
+
 OUTCOMES = {
     MotionOutcome.ARRIVED: "arrived",
     MotionOutcome.BLOCKED: "blocked on the way",

@@ -2,22 +2,32 @@
 
 from collections.abc import Iterator
 from enum import StrEnum
-from typing import Any
+from typing import Annotated, Any
 
+from fastapi import Query
 from fastapi.responses import StreamingResponse
+from pydantic import Field
 
-from hide_tasks.contract import Split
-from server import evaluations, exports, leaderboard
+from server import board_exports, evaluations, leaderboard, standings
 from server.access import Router, Scope, needs
+from server.board_exports import LeaderboardFormat
 from server.deps import EvaluationId, Reading, TheHub
-from server.exports import MEDIA_TYPES, SUFFIXES, EvaluationFormat, Exported, LeaderboardFormat
+from server.exports import MEDIA_TYPES, SUFFIXES, EvaluationFormat, Exported
 from server.schemas import Verdict
+from server.standings import BoardQuery
 
 router = Router(tags=["exports"])
 
 
-def media_types_of(formats: type[StrEnum]) -> dict[int | str, dict[str, Any]]:
-    """What a route says that gives out files in these formats."""
+class BoardExport(BoardQuery):
+    """What of a leaderboard is given out, and how."""
+
+    format: LeaderboardFormat = LeaderboardFormat.CSV
+    table: bool = Field(False, description="Of LaTeX: the whole table, not only its rows.")
+
+
+def of_formats(formats: type[StrEnum]) -> dict[int | str, dict[str, Any]]:
+    """The answers of a route that gives out these formats."""
     content: dict[str, Any] = {MEDIA_TYPES[one].partition(";")[0]: {} for one in formats}
     return {200: {"description": "The file.", "content": content}}
 
@@ -35,7 +45,7 @@ def file_of(pieces: Iterator[bytes], name: str, format: str) -> StreamingRespons
 @router.get(
     "/evaluations/{evaluation}/export",
     response_class=StreamingResponse,
-    responses=media_types_of(EvaluationFormat),
+    responses=of_formats(EvaluationFormat),
 )
 @needs(Scope.READ)
 def export_evaluation(
@@ -53,18 +63,17 @@ def export_evaluation(
 
 
 @router.get(
-    "/leaderboard/export",
-    response_class=StreamingResponse,
-    responses=media_types_of(LeaderboardFormat),
+    "/leaderboard/export", response_class=StreamingResponse, responses=of_formats(LeaderboardFormat)
 )
 @needs(Scope.READ)
 def export_leaderboard(
-    session: Reading,
-    format: LeaderboardFormat = LeaderboardFormat.CSV,
-    split: Split = "test",
-    verdict: Verdict = "success",
+    session: Reading, wanted: Annotated[BoardExport, Query()]
 ) -> StreamingResponse:
-    """The leaderboard as a file: JSON, CSV, or LaTeX rows of the paper's table."""
-    board = leaderboard.leaderboard(session, split=split, verdict=verdict)
-    name = f"leaderboard-{split}-{verdict}"
-    return file_of(exports.of_leaderboard(board, format), name, format.value)
+    """The leaderboard as a file, with the rows, columns and order that are asked for: JSON, CSV,
+    or LaTeX: rows of the paper's table, or with `table` all of it."""
+    board = leaderboard.leaderboard(session, split=wanted.split, verdict=wanted.verdict)
+    pieces = board_exports.of_leaderboard(
+        standings.shown(board, wanted), wanted.format, table=wanted.table
+    )
+    name = f"leaderboard-{wanted.split}-{wanted.verdict}"
+    return file_of(pieces, name, wanted.format.value)

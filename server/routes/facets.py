@@ -11,7 +11,7 @@ from server.deps import Reading, TheHub
 from server.episode_order import Sort
 from server.exports import EpisodesFormat
 from server.matching import Wanted
-from server.routes.exports import file_of, media_types_of
+from server.routes.exports import file_of, of_formats
 from server.schemas import EpisodeFacets
 
 router = Router(tags=["episodes"])
@@ -36,7 +36,7 @@ def count_episodes(session: Reading, wanted: Annotated[Wanted, Query()]) -> Epis
 @router.get(
     "/episodes/export",
     response_class=StreamingResponse,
-    responses=media_types_of(EpisodesFormat),
+    responses=of_formats(EpisodesFormat),
 )
 @needs(Scope.READ)
 def export_episodes(hub: TheHub, wanted: Annotated[ExportFilter, Query()]) -> StreamingResponse:

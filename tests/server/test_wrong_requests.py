@@ -25,6 +25,11 @@ ID_ROUTES = [
     ("POST", "/evaluations/{}/cancellation"),
     ("POST", "/evaluations/{}/resumption"),
     ("GET", "/evaluations/{}/queue"),
+    ("GET", "/evaluations/{}/history"),
+    ("GET", "/evaluations/{}/log"),
+    ("POST", "/evaluations/{}/rerun"),
+    ("GET", "/evaluations/{}/publication"),
+    ("POST", "/evaluations/{}/publication"),
     ("GET", "/batches/{}"),
     ("GET", "/leaderboard/snapshots/{}"),
     ("GET", "/leaderboard/snapshots/{}/content.json"),
@@ -49,15 +54,22 @@ ID_ROUTES = [
     ("GET", "/episodes/{}/observations/0/front.jpg"),
     ("GET", "/episodes/{}/thumbnail.jpg"),
     ("GET", "/episodes/{}/recording.rrd"),
+    ("GET", "/episodes/{}/beliefs"),
+    ("GET", "/episodes/{}/actions.json"),
+    ("GET", "/episodes/{}/rerun"),
 ]
 OTHER_ROUTES = [
     ("GET", "/tasks"),
     ("GET", "/leaderboard"),
+    ("GET", "/leaderboard/published"),
     ("GET", "/leaderboard/snapshots"),
     ("POST", "/leaderboard/snapshots"),
     ("GET", "/comparisons"),
+    ("GET", "/comparisons/several"),
+    ("GET", "/comparisons/several/export"),
     ("GET", "/queue"),
     ("GET", "/workers"),
+    ("GET", "/workers/log"),
     ("GET", "/labels"),
     ("POST", "/episodes/{}/labels"),
     ("GET", "/leaderboard/export"),
@@ -65,6 +77,8 @@ OTHER_ROUTES = [
     ("POST", "/policies"),
     ("POST", "/policies/checkpoints"),
     ("GET", "/evaluations"),
+    ("GET", "/evaluations/estimate"),
+    ("POST", "/policies/connection"),
     ("POST", "/evaluations"),
     ("GET", "/batches"),
     ("POST", "/batches"),
@@ -254,10 +268,26 @@ def test_a_wrong_field_is_named_with_what_is_allowed(
     [
         ("/leaderboard", {"split": "best"}, "split"),
         ("/leaderboard", {"verdict": "both"}, "verdict"),
+        ("/leaderboard", {"sort": "beauty"}, "sort"),
+        ("/leaderboard", {"order": "up"}, "order"),
+        ("/leaderboard", {"category": "XX"}, "category"),
+        ("/leaderboard", {"clock": "maybe"}, "clock"),
+        ("/leaderboard", {"privileged": "no"}, "privileged"),
+        ("/leaderboard", {"since": "yesterday"}, "since"),
+        ("/leaderboard", {"search": "x" * 81}, "search"),
+        ("/leaderboard/export", {"table": "perhaps"}, "table"),
         ("/comparisons", {"a": "expert"}, "b"),
         ("/comparisons", {"a": "nobody", "b": "expert"}, "a"),
         ("/comparisons", {"a": "noop", "b": "expert"}, "a"),  # has nothing completed
         ("/comparisons", {"a": "expert", "b": "expert", "split": "best"}, "split"),
+        ("/comparisons/several", {"policy": "expert"}, "policy"),
+        ("/comparisons/several", {"policy": ["expert"] * 7}, "policy"),
+        ("/comparisons/several", {"policy": ["expert", "exprt"]}, "policy.1"),
+        ("/comparisons/several", {"policy": ["expert", "x" * 101]}, "policy"),
+        ("/comparisons/several", {"policy": ["expert", ""]}, "policy"),
+        ("/comparisons/several", {"policy": ["noop", "expert"]}, "policy.0"),
+        ("/comparisons/several", {"policy": ["a", "b"], "verdict": "x"}, "verdict"),
+        ("/comparisons/several/export", {"policy": ["a", "b"], "format": "zip"}, "format"),
         ("/leaderboard/snapshots", {"cursor": "WyJhIl0"}, "cursor"),  # ["a"]
         ("/policies", {"cursor": "WzFd"}, "cursor"),
         ("/users", {"limit": "0"}, "limit"),
@@ -303,7 +333,7 @@ def test_a_wrong_field_is_named_with_what_is_allowed(
     ],
 )
 def test_a_wrong_query_is_named(
-    reader: TestClient, path: str, query: dict[str, str], field: str
+    reader: TestClient, path: str, query: dict[str, Any], field: str
 ) -> None:
     answer = reader.get(API + path, params=query)
 

@@ -1,29 +1,36 @@
-"""The pages of a filled site, by address: every test of pages opens all that stand here."""
+"""The pages of a filled site: every test of pages opens all that stand here."""
 
 from server.states import EpisodeState
 from tests.web.sites import Site
 
 
-def paths(site: Site) -> list[str]:
-    """Every page but those with the viewer."""
+def pages(site: Site) -> dict[str, str]:
+    """The address of every page but those with the viewer, by a name for its picture."""
     [pending, *_] = site.episodes(site.running, state=EpisodeState.PENDING)
-    return [
-        "/",
-        "/?split=val&verdict=exact",
-        "/evaluations",
-        "/evaluations/new",
-        "/tasks",
-        "/tasks/push_button_times",
-        *(f"/evaluations/{id}" for id in (site.completed, site.running, site.incomplete)),
-        f"/evaluations/{site.completed}/failures?task=search_drawer",
-        f"/episodes/{pending}",
-        f"/policies/{site.checkpoint}",
-        "/batches",
-        f"/batches/{site.batch}",
-        "/comparisons?a=mine&b=expert",
-        "/snapshots",
-        "/snapshots/1",
-        "/account",
-        "/account/webhooks",
-        f"/account/webhooks/{site.webhook}",
-    ]
+    return {
+        "leaderboard": "/",
+        "leaderboard-exact": "/?split=val&verdict=exact",
+        "evaluations": "/evaluations",
+        "evaluation-new": "/evaluations/new",
+        "tasks": "/tasks",
+        "task": "/tasks/push_button_times",
+        "evaluation-completed": f"/evaluations/{site.completed}",
+        "evaluation-running": f"/evaluations/{site.running}",
+        "evaluation-incomplete": f"/evaluations/{site.incomplete}",
+        "failures-of-one": f"/evaluations/{site.completed}/failures?task=search_drawer",
+        "episode-pending": f"/episodes/{pending}",
+        "policy": f"/policies/{site.checkpoint}",
+        "batches": "/batches",
+        "batch": f"/batches/{site.batch}",
+        "comparison": "/comparisons?a=mine&b=expert",
+        "snapshots": "/snapshots",
+        "snapshot": "/snapshots/1",
+        "account": "/account",
+        "webhooks": "/account/webhooks",
+        "webhook": f"/account/webhooks/{site.webhook}",
+    }
+
+
+def paths(site: Site) -> list[str]:
+    """The addresses alone."""
+    return list(pages(site).values())

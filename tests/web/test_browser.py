@@ -78,8 +78,8 @@ def test_a_form_that_is_wrong_says_so_beside_the_field(
 def upload(page: Page, address: str, name: str, content: bytes) -> None:
     """Fills in the form and sends it, by the keyboard."""
     page.goto(f"{address}/evaluations/new")
-    page.focus(".upload summary")
-    page.keyboard.press("Enter")
+    page.focus("[name=source]:checked")
+    page.keyboard.press("ArrowRight")
     page.fill("#name", name)
     page.set_input_files("#file", {"name": "a.safetensors", "mimeType": "", "buffer": content})
     page.focus("#upload [type=submit]")
@@ -93,9 +93,7 @@ def test_a_checkpoint_is_uploaded_and_chosen(
     content = tiny_checkpoint(tmp_path / "a.safetensors").read_bytes()
     with opened(browser, address, WIDTHS["phone"]) as page:
         upload(page, address, "uploaded", content)
-        page.wait_for_selector(
-            "#upload [role=status]:has-text('uploaded@1 is kept')", timeout=120_000
-        )
+        page.wait_for_selector("#kept:has-text('uploaded@1 is kept')", timeout=120_000)
 
         assert page.input_value("#policy") == "uploaded@1"
         assert page.evaluate("document.activeElement.id") == "policy"

@@ -1,6 +1,7 @@
 """Every page for everybody: what axe finds, what jumps while it loads, what moves on its own."""
 
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -10,9 +11,10 @@ from playwright.sync_api import Browser, Page
 from tests.chromium import CHROMIUM
 from tests.web import sites
 from tests.web.browsing import WIDTHS, opened, serving
-from tests.web.pages import paths
+from tests.web.pages import pages, paths
 from tests.web.sites import Site
 
+PICTURES = Path(__file__).parents[2] / "build" / "pictures"  # to be looked at
 STEADY = 0.02  # of the layout shift score, of which 0.1 is still called good
 SHIFT = """() => new Promise((resolve) => {
     let total = 0;
@@ -51,10 +53,12 @@ def test_axe_finds_nothing_serious(
     served: tuple[Site, str], browser: Browser, width: str, scheme: str
 ) -> None:
     site, address = served
+    PICTURES.mkdir(parents=True, exist_ok=True)
     with opened(browser, address, WIDTHS[width], color_scheme=scheme) as page:
         found = {}
-        for path in paths(site):
+        for name, path in pages(site).items():
             page.goto(address + path)
+            page.screenshot(path=PICTURES / f"{name}-{width}-{scheme}.png", full_page=True)
             found[path] = violations(page)
 
     assert {path: some for path, some in found.items() if some} == {}

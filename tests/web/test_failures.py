@@ -8,7 +8,6 @@ from pathlib import Path
 import pytest
 
 from hide_tasks.contract import Failure
-from server.labels import add
 from server.models import Episode
 from server.schemas import LabelCreate
 from tests.web import sites
@@ -90,7 +89,7 @@ def test_a_card_says_what_went_wrong(client: TestClient, site: Site) -> None:
 
 
 def test_a_card_leads_to_an_episode_whose_neighbours_are_the_next_cards(
-    client: TestClient, site: Site
+    client: TestClient,
 ) -> None:
     text = page(client, "/failures?task=search_drawer&sort=task")
     first, second, third, *_ = shown(text)
@@ -151,7 +150,7 @@ def test_text_is_looked_for_in_instructions_and_details(client: TestClient) -> N
     assert sites.NASTY not in found and "&lt;script&gt;" in found
 
 
-def test_nothing_that_matches_says_which_filter_to_drop(client: TestClient, site: Site) -> None:
+def test_nothing_that_matches_says_which_filter_to_drop(client: TestClient) -> None:
     text = page(client, "/failures?text=zebra&task=search_drawer")
 
     assert "No episode matches" in text and "Drop text “zebra”" in unescape(text)
@@ -203,20 +202,18 @@ def test_what_is_shown_can_be_taken_along(client: TestClient, site: Site) -> Non
 @pytest.fixture
 def labelled(site: Site) -> Iterator[str]:
     """An episode with a label and a nasty note, which are taken back afterwards."""
-    from server import labels
-
     [id, *_] = site.episodes(site.completed, failure=Failure.WRONG_RECALL)
     with site.hub.database.writing() as session:
         episode = session.get_one(Episode, id)
-        said = add(session, episode, LabelCreate(label="blind", note=sites.NASTY), site.hub.owner)
+        said = labels.add(
+            session, episode, LabelCreate(label="blind", note=sites.NASTY), site.hub.owner
+        )
     yield id
     with site.hub.database.writing() as session:
         labels.withdraw(session, said.id, site.hub.owner)
 
 
-def test_labels_and_notes_are_on_the_card_and_narrow(
-    client: TestClient, site: Site, labelled: str
-) -> None:
+def test_labels_and_notes_are_on_the_card_and_narrow(client: TestClient, labelled: str) -> None:
     text = page(client, "/failures?label=blind")
 
     assert shown(text) == [labelled] and counts(text)["blind"][1] == 1

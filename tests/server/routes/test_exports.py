@@ -10,8 +10,9 @@ import pytest
 
 from hide_tasks import ALL_TASKS, load
 from hide_tasks.contract import EpisodeSpec, Failure
-from server import exports, latex, leaderboard
-from server.exports import LeaderboardFormat, line_of
+from server import board_exports, latex, leaderboard
+from server.board_exports import LeaderboardFormat
+from server.exports import line_of
 from server.models import now
 from server.schemas import Leaderboard, LeaderboardRow, RatePublic, Verdicts
 from tests.server import ledgers
@@ -165,7 +166,7 @@ def board() -> Leaderboard:
 
 
 def whole(board: Leaderboard, format: LeaderboardFormat) -> str:
-    return b"".join(exports.of_leaderboard(board, format)).decode()
+    return b"".join(board_exports.of_leaderboard(board, format)).decode()
 
 
 def test_latex_marks_the_best_of_the_leaderboard(board: Leaderboard) -> None:
