@@ -114,7 +114,7 @@ def chosen(session: Session, filters: Filters, *, empty: bool) -> list[Chosen]:
         for one in map(str, getattr(filters, name))
     ]
     if filters.text:
-        found.append(("text", f"“{filters.text}”", filters.fields(text=None)))
+        found.append(("text", filters.text, filters.fields(text=None)))
     if filters.labelled is not None:
         said = "with any" if filters.labelled else "without any"
         found.append(("labelled", said, filters.fields(labelled=None)))

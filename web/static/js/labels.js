@@ -5,6 +5,9 @@ import { Refused, post } from "./api.js";
  * @typedef {{id: string, episode: string, label: string | null, note: string, author: string}} Label
  */
 
+const LABEL = /^[a-z0-9][a-z0-9_.:-]{0,79}$/; // as the ledger takes it
+const WRONG = "A label is small letters, digits and . _ : - alone.";
+
 /** Bring the labels of a page to life. @param {ParentNode} [within] */
 export function start(within = document) {
   for (const place of /** @type {NodeListOf<HTMLElement>} */ (within.querySelectorAll("[data-labels]"))) {
@@ -22,6 +25,7 @@ export function start(within = document) {
  * @throws {Refused}
  */
 export async function add(episode, what) {
+  if (what.label && !LABEL.test(what.label)) throw new Refused({ title: WRONG, status: 422 });
   /** @type {Label} */
   const added = await post(`/api/v1/episodes/${encodeURIComponent(episode)}/labels`, what);
   for (const place of document.querySelectorAll(`[data-labels="${CSS.escape(episode)}"] .said`)) {
@@ -30,7 +34,7 @@ export async function add(episode, what) {
   offer(added.label);
 }
 
-/** A label as the ledger takes it: small letters, no spaces. @param {string} written */
+/** What is written in small letters, without spaces. @param {string} written */
 export function labelOf(written) {
   return written.trim().toLowerCase().replaceAll(/\s+/g, "-") || null;
 }
@@ -38,8 +42,7 @@ export function labelOf(written) {
 /** What a refusal says to people. @param {unknown} error */
 export function reason(error) {
   if (!(error instanceof Refused)) throw error;
-  const wrong = error.problem.errors?.some((one) => one.field === "label");
-  return wrong ? "A label is small letters, digits and . _ : - alone." : error.message;
+  return error.message;
 }
 
 /** @param {HTMLElement} place @param {Event} event */
