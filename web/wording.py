@@ -30,6 +30,14 @@ FAILURES = {
     Failure.POLICY_TIMEOUT: "The policy did not answer in time.",
 }
 
+VERDICTS = {
+    "inexact": "not exact",
+    "failed": "failed",
+    "success": "success, not exact",
+    "exact": "exact",
+    "all": "all",
+}
+
 CHECKS = {  # of workers.preflight.Check, and what the page of an upload adds
     "hash": "SHA-256 of what came is the sender's",
     "conversion": "converted from a file of torch.save",
