@@ -75,7 +75,7 @@ def heard(session: Session, evaluation: str) -> Heard:
     for episode, spans in said.items():
         decisions = sum(one.end - one.first for one in spans)
         if decisions:
-            total = total.and_episode(right(spans, true.get(episode, [])), decisions)
+            total = total.and_episode(right(spans, true[episode]), decisions)
     return total
 
 
@@ -110,9 +110,10 @@ def right(said: Iterable[Span], true: Iterable[Span]) -> int:
 
 def changed(true: Iterable[Span]) -> list[int]:
     """The decisions in which the truth changed; one that changes back within it did not."""
-    runs = groupby(true, key=lambda span: span.first)
-    stood = [(first, list(spans)[-1].value) for first, spans in runs]
-    return [first for (_, before), (first, now) in pairwise(stood) if now != before]
+    first, *others = true
+    runs = groupby(others, key=lambda span: span.first)
+    stood = [(-1, first.value), *((at, list(spans)[-1].value) for at, spans in runs)]
+    return [at for (_, before), (at, now) in pairwise(stood) if now != before]
 
 
 def _agreeing(span: Span, changes: Sequence[int]) -> int:

@@ -113,6 +113,8 @@ ENVIRONMENT.globals.update(
 ENVIRONMENT.filters.update(
     percent=wording.percent,
     number=wording.number,
+    signed=wording.signed,
+    day=wording.day,
     words=wording.words,
     value=wording.value,
     pairs=wording.pairs,
