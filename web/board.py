@@ -196,7 +196,7 @@ def kept_lines(key: Hashable) -> dict[str, Markup]:
 
 def tabs(wanted: PageQuery, suites: Iterable[str]) -> list[tuple[str, str, bool]]:
     """Each suite with a leaderboard: its name, its address, and whether it is shown."""
-    usual = PageQuery(split=wanted.split, verdict=wanted.verdict, view=wanted.view)
+    usual = PageQuery(split=wanted.split, verdict=wanted.verdict, view=wanted.view, policy=[])
     return [
         (name, "/" + fields(usual.model_copy(update={"suite": name})), name == wanted.suite)
         for name in suites

@@ -21,7 +21,7 @@ LANE, DOT = 15, 6.5  # px of a policy among a task's dots, and a dot's radius
 HEAD = 20  # px above the dots of a task
 AXIS = 18  # px below, for the scale
 LONGEST = 30  # characters of a name
-SIZE, CENTRE, RADIUS = (460, 400), (230.0, 215.0), 140.0  # of the radar
+SIZE, CENTRE, RADIUS = (480, 372), (240.0, 238.0), 200.0  # of the radar
 RINGS = 4
 STEP = 0.1  # to which a radar's scale is rounded up
 
@@ -65,8 +65,8 @@ def bars(board: Leaderboard, charted: Sequence[Charted], group: str) -> Markup:
     marks = [*_grid(height), *_scale(height)]
     for number, one in enumerate(charted):
         marks += _bar(one, rate(one, group, board), ROW * number)
-    if ceiling is not None:
-        marks.append(_tick(ceiling, 0, height))
+        if ceiling is not None:
+            marks.append(_tick(ceiling, ROW * number + 18, BAR))
     told = [f"{one.name}: {said(rate(one, group, board))}" for one in charted]
     title = f"{board.verdict.capitalize()} in percent, {_long(group)}"
     return _chart(f"bars-{group}", title, told, height + AXIS, marks, group, ceiling)
@@ -174,10 +174,11 @@ def _ring(share: float) -> Markup:
 
 
 def _axis(axis: int, kind: str, end: float) -> Iterator[Markup]:
-    (x, y), (at, height) = _place(axis, 1.0), _place(axis, 1.17)
+    x, y = _place(axis, 1.0)
+    at, height = (x, y - 14) if axis == 0 else (x, y + 20)
     yield element("line", class_="axis", x1=CENTRE[0], y1=CENTRE[1], x2=x, y2=y)
     label = f"{kind}, to {wording.number(end)} %"
-    yield _text(label, class_=f"end {kind}", x=at, y=height + 4, text_anchor="middle")
+    yield _text(label, class_=f"end {kind}", x=at, y=height, text_anchor="middle")
 
 
 def _points(shares: Sequence[float]) -> str:
