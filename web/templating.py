@@ -121,6 +121,8 @@ ENVIRONMENT.globals.update(
 ENVIRONMENT.filters.update(
     percent=wording.percent,
     number=wording.number,
+    signed=wording.signed,
+    day=wording.day,
     words=wording.words,
     ordinal=wording.ordinal,
     value=wording.value,
