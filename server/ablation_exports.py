@@ -5,7 +5,8 @@ from typing import Any
 
 from server.ablation_rows import GROUPS
 from server.ablation_schemas import AblationBlock, AblationRow, Ablations
-from server.exports import NOTE, LeaderboardFormat, line_of
+from server.board_exports import LeaderboardFormat
+from server.exports import NOTE, line_of
 from server.latex import NONE, escaped
 
 FIGURES = ("value", "low", "high")

@@ -23,6 +23,7 @@ from web.wording import FAILURES, OUTCOMES, words
 WHOLE = ["/", "/?verdict=exact", "/?split=val", "/evaluations", "/evaluations/new", "/tasks"]
 WHOLE += ["/policies/mine", "/policies/expert@1", "/batches", "/snapshots", "/snapshots/1"]
 WHOLE += ["/snapshots/1?verdict=exact", "/comparisons", "/comparisons?a=mine&b=expert"]
+WHOLE += ["/ablations", "/ablations?size=paper&clock=true&verdict=exact"]
 WHOLE += ["/account", "/account/webhooks"]
 STATES = ["completed", "running", "queued", "incomplete", "cancelled", "recorded"]
 
