@@ -61,7 +61,7 @@ def test_policies_are_typed_compared_taken_out_and_followed_without_scripts(
         page.get_by_role("link", name="Remove short").click()
         page.get_by_role("link", name="180 only A").click()
 
-        page.get_by_label("Task").select_option("search_drawer")
+        page.locator("select[name=task]").select_option("search_drawer")
         page.get_by_role("button", name="Show").click()
         assert page.get_by_role("link", name="side by side").count() == 12
         page.get_by_role("link", name="search_drawer 3 side by side").click()
