@@ -18,7 +18,6 @@ from server.paging import MOST
 from server.schemas import (
     EpisodePublic,
     EvaluationPublic,
-    Leaderboard,
     Verdict,
     Verdicts,
 )
@@ -60,12 +59,11 @@ class EvaluationFormat(StrEnum):
     ZIP = "zip"  # all of these
 
 
-class LeaderboardFormat(StrEnum):
-    """How the leaderboard is given out."""
+class EpisodesFormat(StrEnum):
+    """How episodes of a filter are given out."""
 
-    JSON = "json"
     CSV = "csv"
-    LATEX = "latex"
+    JSONL = "jsonl"
 
 
 MEDIA_TYPES = {
@@ -108,16 +106,8 @@ class Exported:
         makers = zip(names, self._makers().values(), strict=True)
         return {f"{folder}/{name}": make for name, make in makers}
 
-    def _pages(self, state: EpisodeState | None = None) -> Iterator[list[EpisodePublic]]:
-        cursor = None
-        while True:
-            with self.database.reading() as session:
-                page = episodes.listed(
-                    session, evaluation=self.evaluation.id, state=state, limit=MOST, cursor=cursor
-                )
-            yield page.items
-            if (cursor := page.next) is None:
-                return
+    def _pages(self, **wanted: Any) -> Iterator[list[EpisodePublic]]:
+        return pages_of(self.database, evaluation=self.evaluation.id, **wanted)
 
     def _tasks(self) -> dict[str, Verdicts]:
         with self.database.reading() as session:
@@ -137,14 +127,10 @@ class Exported:
         yield b"\n]}\n"
 
     def _csv(self) -> Iterator[bytes]:
-        yield line_of(EPISODE_COLUMNS)
-        for page in self._pages():
-            for one in page:
-                document = one.model_dump(mode="json")
-                yield line_of(document[name] for name in EPISODE_COLUMNS)
+        return _episodes_csv(self._pages())
 
     def _jsonl(self) -> Iterator[bytes]:
-        for page in self._pages(EpisodeState.FINAL):
+        for page in self._pages(state=EpisodeState.FINAL):
             for one in page:
                 with self.database.reading() as session:
                     found = episodes.get(session, one.id).model_dump(mode="json")
@@ -163,35 +149,34 @@ class Exported:
         yield latex.of_evaluation(name, self._tasks(), self.verdict, remarks).encode()
 
 
-# --- the leaderboard ---
+# --- episodes of a filter ---
 
 
-def of_leaderboard(board: Leaderboard, format: LeaderboardFormat) -> Iterator[bytes]:
-    """The leaderboard as a file."""
-    if format is LeaderboardFormat.JSON:
-        yield board.model_dump_json(indent=1).encode() + b"\n"
-    elif format is LeaderboardFormat.CSV:
-        yield from _board_csv(board)
-    else:
-        remarks = (f"{board.suite}, {board.split}, {board.verdict} in percent. {NOTE}",)
-        yield latex.of_leaderboard(board.rows, board.verdict, remarks).encode()
+def pages_of(database: Database, **wanted: Any) -> Iterator[list[EpisodePublic]]:
+    """The episodes that are wanted, page after page; no session stays open between them."""
+    cursor = None
+    while True:
+        with database.reading() as session:
+            page = episodes.listed(session, limit=MOST, cursor=cursor, **wanted)
+        yield page.items
+        if (cursor := page.next) is None:
+            return
 
 
-def _board_csv(board: Leaderboard) -> Iterator[bytes]:
-    names = [column.task for column in board.columns]
-    head = ["rank", "policy", "version", "reference", "evaluation", "ended"]
-    for verdict in ("success", "exact"):
-        head += [f"{verdict}{part}" for part in ("", "_low", "_high", "_episodes")]
-        head += [f"{verdict}_{name}" for name in names]
-    yield line_of(head)
-    for row in board.rows:
-        cells: list[Any] = [row.rank, row.policy, row.version, row.reference, row.evaluation]
-        cells.append(row.ended.isoformat())
-        for verdict in ("success", "exact"):
-            rate = getattr(row.overall, verdict)
-            cells += [rate.value, rate.low, rate.high, rate.episodes]
-            cells += [getattr(row.tasks[name], verdict).value for name in names]
-        yield line_of(cells)
+def of_episodes(database: Database, format: EpisodesFormat, **wanted: Any) -> Iterator[bytes]:
+    """The episodes that are wanted, a line each."""
+    pages = pages_of(database, **wanted)
+    if format is EpisodesFormat.CSV:
+        return _episodes_csv(pages)
+    return (one.model_dump_json().encode() + b"\n" for page in pages for one in page)
+
+
+def _episodes_csv(pages: Iterable[list[EpisodePublic]]) -> Iterator[bytes]:
+    yield line_of(EPISODE_COLUMNS)
+    for page in pages:
+        for one in page:
+            document = one.model_dump(mode="json")
+            yield line_of(document[name] for name in EPISODE_COLUMNS)
 
 
 # --- files ---

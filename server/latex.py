@@ -41,18 +41,21 @@ def escaped(text: str) -> str:
     return " ".join(text.split()).translate(ESCAPED)
 
 
-def cells(tasks: Mapping[str, Verdicts], verdict: Verdict) -> list[str]:
+def cells(
+    tasks: Mapping[str, Verdicts], verdict: Verdict, kinds: Iterable[str] = tuple(COLUMNS)
+) -> list[str]:
     """The numbers of a row: overall average, then per category its tasks and their average.
 
     An average over tasks of which one is missing is not given.
     """
-    columns: list[str] = []
-    every: list[float | None] = []
-    for names in COLUMNS.values():
-        values = [_percent(tasks.get(name), verdict) for name in names]
-        every += values
-        columns += [*(_number(value, 0) for value in values), _average(values)]
-    return [_average(every), *columns]
+    known = {
+        kind: [_percent(tasks.get(name), verdict) for name in names]
+        for kind, names in COLUMNS.items()
+    }
+    columns = [_average([value for values in known.values() for value in values])]
+    for kind in kinds:
+        columns += [*(_number(value, 0) for value in known[kind]), _average(known[kind])]
+    return columns
 
 
 def row(name: str, numbers: Sequence[str]) -> str:
@@ -64,15 +67,25 @@ def of_evaluation(
     name: str, tasks: Mapping[str, Verdicts], verdict: Verdict, remarks: Iterable[str]
 ) -> str:
     """The row of one evaluation, below comments that say what it is."""
-    return _comments(remarks) + row(name, cells(tasks, verdict))
+    return comments(remarks) + row(name, cells(tasks, verdict))
 
 
-def of_leaderboard(rows: Sequence[LeaderboardRow], verdict: Verdict, remarks: Iterable[str]) -> str:
+def of_leaderboard(
+    rows: Sequence[LeaderboardRow],
+    verdict: Verdict,
+    remarks: Iterable[str],
+    kinds: Iterable[str] = tuple(COLUMNS),
+) -> str:
+    """All rows, below comments that say what they are."""
+    return comments(remarks) + "".join(marked(rows, verdict, tuple(kinds)))
+
+
+def marked(rows: Sequence[LeaderboardRow], verdict: Verdict, kinds: Sequence[str]) -> list[str]:
     """All rows; the best of each column is bold, the second best underlined, ties as well.
 
     Reference policies know the hidden state or play at random: they are given and not compared.
     """
-    numbers = [cells(one.tasks, verdict) for one in rows]
+    numbers = [cells(one.tasks, verdict, kinds) for one in rows]
     ranked = [line for one, line in zip(rows, numbers, strict=True) if not one.reference]
     best = [_best(column) for column in zip(*ranked, strict=True)]
     lines = []
@@ -80,10 +93,10 @@ def of_leaderboard(rows: Sequence[LeaderboardRow], verdict: Verdict, remarks: It
         if not one.reference:
             line = [_marked(cell, two) for cell, two in zip(line, best, strict=True)]
         lines.append(row(f"{one.policy}@{one.version}", line))
-    return _comments(remarks) + "".join(lines)
+    return lines
 
 
-def _comments(remarks: Iterable[str]) -> str:
+def comments(remarks: Iterable[str]) -> str:
     return "".join(f"% {' '.join(one.split())}\n" for one in remarks)
 
 

@@ -388,6 +388,7 @@ class EpisodePublic(BaseModel):
     id: str
     evaluation: str
     policy: str
+    version: int
     task: str
     category: Category
     split: Split
@@ -401,6 +402,7 @@ class EpisodePublic(BaseModel):
     failure: Failure | None  # null only if exact, or not final
     detail: str
     decisions: int | None
+    budget: int  # decisions that it may take
     stage: str | None  # what the world called for at the end
     scene_hash: str | None
     final_state_hash: str | None
@@ -418,7 +420,6 @@ class EpisodeDetail(EpisodePublic):
     """One episode with what a reader wants beside it."""
 
     start: Start | None  # what was true before the first decision
-    budget: int  # decisions
     checks: dict[str, bool]  # at the end
     previous: str | None  # id of the neighbour in the same evaluation
     next: str | None
@@ -449,6 +450,34 @@ class ChangePublic(BaseModel):
     hidden: HiddenState
 
 
+class BeliefCheck(BaseModel):
+    """How many stages a policy held to be done at a decision, and how many were."""
+
+    decision: int
+    believed: int
+    true: list[int]  # each would be right; empty: no expert comes here
+    right: bool | None  # null: nothing is known to be true
+
+
+class BeliefsPublic(BaseModel):
+    """What the policy of an episode believed, against the truth."""
+
+    stated: int  # decisions at which it said how many stages it held to be done
+    checked: int  # of these, those at which the truth is known
+    right: int  # of these
+    decisions: list[BeliefCheck]
+
+
+class RerunPublic(BaseModel):
+    """How to play an episode again on one's own machine, and what must come of it."""
+
+    command: str  # with its own policy
+    notes: list[str]  # what that needs and not every machine has
+    replay: str  # with its actions alone, once they are downloaded
+    scene_hash: str | None  # the same everywhere
+    final_state_hash: str | None  # the same on a machine of the same kind
+
+
 class FailureGroup(BaseModel):
     """How many episodes failed in one way."""
 
@@ -456,6 +485,20 @@ class FailureGroup(BaseModel):
     task: str
     failure: Failure
     episodes: int
+
+
+class FacetValue(BaseModel):
+    """A value that episodes have, and how many of them."""
+
+    value: str  # as a filter says it: "overcount", "count=3"
+    episodes: int
+
+
+class EpisodeFacets(BaseModel):
+    """What the episodes of a filter differ in; counts respect the filters of other fields."""
+
+    episodes: int  # that the filter finds
+    facets: dict[str, list[FacetValue]]  # by field; hidden values and variations of one task alone
 
 
 class DivergencePublic(BaseModel):
@@ -630,6 +673,31 @@ class LeaderboardColumn(BaseModel):
     certificate: CertificatePublic | None
 
 
+class BeliefPublic(BaseModel):
+    """At how many decisions the `stage_count` that a policy states is right, of those at which the
+    truth is known: where the expert comes too.
+    """
+
+    right: int
+    decisions: int
+    episodes: int
+    value: float
+    low: float  # 95 %; decisions of one episode are not taken for independent tries
+    high: float
+
+
+class NormalisedPublic(BaseModel):
+    """(rate - ceiling) / (1 - ceiling), of the rate over the tasks that count and the mean of
+    their ceilings: 0 is the most that is possible without memory, 1 is all, less than 0 is less.
+    """
+
+    value: float
+    low: float  # 95 %, of the rate's
+    high: float
+    tasks: list[str]  # that count: of a strong certificate and a ceiling below 1
+    episodes: int
+
+
 class LeaderboardRow(BaseModel):
     """A policy's latest complete evaluation."""
 
@@ -646,6 +714,13 @@ class LeaderboardRow(BaseModel):
     tasks: dict[str, Verdicts]
     categories: dict[str, Verdicts]  # RC, HSR, EPT
     overall: Verdicts
+    # What snapshots of before do not have:
+    policy_version: str | None = None
+    owner: str | None = None  # of the policy, name of a user; null: the server's own
+    gap: RatePublic | None = None  # successes that are not exact
+    normalised: NormalisedPublic | None = None  # of the ranking verdict
+    belief: BeliefPublic | None = None  # null: the policy states none
+    facts: PolicyFacts | None = None  # what is known of its memory
 
 
 class Leaderboard(BaseModel):
@@ -658,6 +733,27 @@ class Leaderboard(BaseModel):
     ceilings: dict[str, float | None]  # of the ranking verdict: per task, per category, "overall"
     rows: list[LeaderboardRow]
     unlisted: int  # evaluations of the split that are incomplete, partial, or superseded
+    left_out: int = 0  # rows, by the filters; ranks are those among all
+
+
+class PublishedRow(BaseModel):
+    """A method's line of the paper's main table, in percent as it is printed."""
+
+    method: str
+    memory_based: bool
+    tasks: dict[str, float]
+    categories: dict[str, float]
+    overall: float
+
+
+class PublishedPublic(BaseModel):
+    """What the paper printed; it is never ranked with what was measured here."""
+
+    source: str
+    simulator: str
+    comparable: Literal[False]
+    episodes: int  # of each task
+    rows: list[PublishedRow]
 
 
 class SnapshotCreate(_Given):

@@ -12,6 +12,7 @@ from starlette.types import Scope
 import server.app
 from server.settings import Settings
 from web import (
+    routes_ablations,
     routes_account,
     routes_batches,
     routes_comparisons,
@@ -19,6 +20,7 @@ from web import (
     routes_episodes,
     routes_evaluation,
     routes_evaluations,
+    routes_failures,
     routes_leaderboard,
     routes_people,
     routes_policies,
@@ -38,9 +40,11 @@ ROUTES = (
     routes_demo,
     routes_snapshots,
     routes_comparisons,
+    routes_ablations,
     routes_submit,
     routes_evaluations,
     routes_evaluation,
+    routes_failures,
     routes_batches,
     routes_policies,
     routes_episodes,

@@ -20,8 +20,8 @@ from server.hub import Hub
 from server.models import Evaluation, now
 from server.schemas import AttemptPublic, HistoryPublic, RatePublic, Verdicts
 from server.states import ENDED, AttemptState
-from web.lanes import ACTIVITIES, LanesDrawing, summary, waits
 from web.templating import KeptParts, page, part
+from web.worker_lanes import ACTIVITIES, LanesDrawing, summary, waits
 
 router = Router(include_in_schema=False)
 

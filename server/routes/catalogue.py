@@ -1,11 +1,15 @@
 """Tasks and the leaderboard."""
 
-from hide_tasks.contract import Split
-from server import leaderboard, tasks
+from typing import Annotated
+
+from fastapi import Query
+
+from server import leaderboard, published, standings, tasks
 from server.access import Router, Scope, needs
 from server.deps import Reading
 from server.revalidation import Revalidate
-from server.schemas import Leaderboard, TaskPublic, Verdict
+from server.schemas import Leaderboard, PublishedPublic, TaskPublic
+from server.standings import BoardQuery
 
 router = Router(tags=["catalogue"])
 
@@ -27,12 +31,19 @@ def get_task(task: str) -> TaskPublic:
 @router.get("/leaderboard")
 @needs(Scope.READ)
 def get_leaderboard(
-    session: Reading,
-    revalidate: Revalidate,
-    split: Split = "test",
-    verdict: Verdict = "success",
+    session: Reading, revalidate: Revalidate, wanted: Annotated[BoardQuery, Query()]
 ) -> Leaderboard:
-    """Complete evaluations of the whole suite, best first, with the ranks that chance leaves."""
-    standing = leaderboard.standing(session, split)
-    revalidate.unless(split, verdict, standing, leaderboard.columns())
-    return leaderboard.leaderboard(session, split=split, verdict=verdict)
+    """Complete evaluations of the whole suite, best first, with the ranks that chance leaves.
+
+    Filters leave out rows, `category` columns; ranks are those among all policies.
+    """
+    standing = leaderboard.standing(session, wanted.split)
+    revalidate.unless(wanted.model_dump_json(), standing, leaderboard.columns(wanted.suite))
+    return standings.of(session, wanted)
+
+
+@router.get("/leaderboard/published")
+@needs(Scope.READ)
+def get_published() -> PublishedPublic:
+    """What the paper printed. It was measured in another simulator, and is not comparable."""
+    return published.published()

@@ -1,28 +1,39 @@
 """Evaluations and the leaderboard as files."""
 
 from collections.abc import Iterator
-from typing import Any
+from enum import StrEnum
+from typing import Annotated, Any
 
+from fastapi import Query
 from fastapi.responses import StreamingResponse
+from pydantic import Field
 
-from hide_tasks.contract import Split
-from server import evaluations, exports, leaderboard
+from server import board_exports, evaluations, standings
 from server.access import Router, Scope, needs
+from server.board_exports import LeaderboardFormat
 from server.deps import EvaluationId, Reading, TheHub
-from server.exports import MEDIA_TYPES, SUFFIXES, EvaluationFormat, Exported, LeaderboardFormat
+from server.exports import MEDIA_TYPES, SUFFIXES, EvaluationFormat, Exported
 from server.schemas import Verdict
+from server.standings import BoardQuery
 
 router = Router(tags=["exports"])
 
 
-def _of(
-    formats: type[EvaluationFormat] | type[LeaderboardFormat],
-) -> dict[int | str, dict[str, Any]]:
+class BoardExport(BoardQuery):
+    """What of a leaderboard is given out, and how."""
+
+    format: LeaderboardFormat = LeaderboardFormat.CSV
+    table: bool = Field(False, description="Of LaTeX: the whole table, not only its rows.")
+
+
+def of_formats(formats: type[StrEnum]) -> dict[int | str, dict[str, Any]]:
+    """The answers of a route that gives out these formats."""
     content: dict[str, Any] = {MEDIA_TYPES[one].partition(";")[0]: {} for one in formats}
     return {200: {"description": "The file.", "content": content}}
 
 
-def _file(pieces: Iterator[bytes], name: str, format: str) -> StreamingResponse:
+def file_of(pieces: Iterator[bytes], name: str, format: str) -> StreamingResponse:
+    """A file to be kept, as it is made."""
     file = f"{name}.{SUFFIXES.get(format, format)}"
     headers = {
         "Content-Disposition": f'attachment; filename="{file}"',
@@ -34,7 +45,7 @@ def _file(pieces: Iterator[bytes], name: str, format: str) -> StreamingResponse:
 @router.get(
     "/evaluations/{evaluation}/export",
     response_class=StreamingResponse,
-    responses=_of(EvaluationFormat),
+    responses=of_formats(EvaluationFormat),
 )
 @needs(Scope.READ)
 def export_evaluation(
@@ -48,20 +59,19 @@ def export_evaluation(
     with hub.database.reading() as session:
         stands = evaluations.get(session, evaluation)
     exported = Exported(hub.database, stands, verdict)
-    return _file(exported.pieces(format), stands.id, format.value)
+    return file_of(exported.pieces(format), stands.id, format.value)
 
 
 @router.get(
-    "/leaderboard/export", response_class=StreamingResponse, responses=_of(LeaderboardFormat)
+    "/leaderboard/export", response_class=StreamingResponse, responses=of_formats(LeaderboardFormat)
 )
 @needs(Scope.READ)
 def export_leaderboard(
-    session: Reading,
-    format: LeaderboardFormat = LeaderboardFormat.CSV,
-    split: Split = "test",
-    verdict: Verdict = "success",
+    session: Reading, wanted: Annotated[BoardExport, Query()]
 ) -> StreamingResponse:
-    """The leaderboard as a file: JSON, CSV, or LaTeX rows of the paper's table."""
-    board = leaderboard.leaderboard(session, split=split, verdict=verdict)
-    name = f"leaderboard-{split}-{verdict}"
-    return _file(exports.of_leaderboard(board, format), name, format.value)
+    """The leaderboard as a file, with the rows, columns and order that are asked for: JSON, CSV,
+    or LaTeX: rows of the paper's table, or with `table` all of it."""
+    board = standings.of(session, wanted)
+    pieces = board_exports.of_leaderboard(board, wanted.format, table=wanted.table)
+    name = f"leaderboard-{wanted.split}-{wanted.verdict}"
+    return file_of(pieces, name, wanted.format.value)

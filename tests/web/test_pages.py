@@ -110,7 +110,7 @@ def test_a_cell_of_the_leaderboard_leads_to_its_episodes(client: TestClient, sit
     text = page(client, cell)
 
     wanted = site.episodes(site.completed, task="search_drawer")
-    assert text.count('<a href="/episodes/') == len(wanted)
+    assert text.count('class="card"') == len(wanted)
 
 
 def test_the_verdict_that_ranks_is_switched_in_the_address(client: TestClient) -> None:
@@ -270,7 +270,7 @@ def test_a_comparison_shows_the_figures_of_the_api(client: TestClient) -> None:
 
     counts = found["overall"]["table"]
     row = text.partition("all 15</th>")[2].partition("</tr>")[0]
-    assert f"<td>{counts['only_a']}</td>" in row and f"<td>{counts['only_b']}</td>" in row
+    assert all(f"{counts[one] or '<td>0'}</" in row for one in ("only_a", "only_b"))
     assert f"<b>{100 * found['overall']['difference']:+.0f}</b>".replace("-", "−") in row
     for one in found["discordant"][:3]:
         assert f'href="/episodes/{one["a"]}"' in text and f'href="/episodes/{one["b"]}"' in text
@@ -281,13 +281,13 @@ def test_a_comparison_shows_the_figures_of_the_api(client: TestClient) -> None:
     ("asked", "status", "said"),
     [("a=mine&b=nobody", 422, "no policy 'nobody'"), ("a=mine&b=late", 422, "has no completed")],
 )
-def test_what_cannot_be_compared_is_said_above_the_form(
+def test_what_cannot_be_compared_is_said_beside_the_form(
     client: TestClient, asked: str, status: int, said: str
 ) -> None:
     text = unescape(page(client, f"/comparisons?{asked}", status))
 
     assert said in text
-    assert 'name="a" value="mine"' in text
+    assert 'name="policy" value="mine"' in text
 
 
 def test_a_snapshot_shows_what_was_kept_and_its_hash(client: TestClient, site: Site) -> None:
@@ -329,9 +329,8 @@ def test_every_failure_is_one_click_from_its_replay(client: TestClient, site: Si
 
 
 def shown_on(text: str) -> set[str]:
-    """Ids of the episodes that a page leads to."""
-    found = (link.partition("?")[0] for link in links(text) if link.startswith("/episodes/"))
-    return {link.removeprefix("/episodes/") for link in found}
+    """Ids of the episodes that are cards of a page."""
+    return set(re.findall(r'class="card" data-episode="([^"]+)"', text))
 
 
 def test_a_count_leads_to_so_many_episodes(client: TestClient, site: Site) -> None:
@@ -340,7 +339,7 @@ def test_a_count_leads_to_so_many_episodes(client: TestClient, site: Site) -> No
 
     assert counts
     for link, count in counts:
-        assert page(client, unescape(link)).count('<a href="/episodes/') == int(count)
+        assert page(client, unescape(link)).count('class="card"') == int(count)
 
 
 def test_a_filter_that_names_nothing_is_refused(client: TestClient, site: Site) -> None:
@@ -366,11 +365,10 @@ def test_an_episode_says_what_its_failure_means(client: TestClient, site: Site) 
 def test_neighbours_are_those_of_the_filter(client: TestClient, site: Site) -> None:
     first, second, *_ = site.episodes(site.completed, failure=Failure.OVERCOUNT)
 
-    plain, filtered = (
-        page(client, f"/episodes/{first}{query}") for query in ("", "?failure=overcount")
-    )
+    within = f"?failure=overcount&evaluation={site.completed}"
+    plain, filtered = (page(client, f"/episodes/{first}{within_it}") for within_it in ("", within))
 
-    assert f"/episodes/{second}?failure=overcount" in links(filtered)
+    assert f"/episodes/{second}{within}" in links(filtered)
     assert f"/episodes/{second}" not in links(plain)
     assert f"/evaluations/{site.completed}/failures?failure=overcount#episodes" in links(filtered)
 
