@@ -17,6 +17,8 @@ def pages(site: Site) -> dict[str, str]:
         "evaluation-completed": f"/evaluations/{site.completed}",
         "evaluation-running": f"/evaluations/{site.running}",
         "evaluation-incomplete": f"/evaluations/{site.incomplete}",
+        "failures": "/failures",
+        "failures-none": "/failures?text=zebra&task=search_drawer",
         "failures-of-one": f"/evaluations/{site.completed}/failures?task=search_drawer",
         "episode-pending": f"/episodes/{pending}",
         "policy": f"/policies/{site.checkpoint}",
