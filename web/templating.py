@@ -15,7 +15,7 @@ from fastapi.responses import HTMLResponse
 from markupsafe import Markup, escape
 
 from hide_tasks.machine import installed
-from web import charts, wording
+from web import aliases, belief_track, charts, wording
 
 HERE = Path(__file__).parent
 STATIC = HERE / "static"
@@ -114,11 +114,17 @@ ENVIRONMENT.globals.update(
     FAILURES=wording.FAILURES,
     OUTCOMES=wording.OUTCOMES,
     verdict_of=wording.verdict,
+    explaining=aliases.explaining,
+    belief_summary=belief_track.summary,
+    counts=belief_track.numbers,
 )
 ENVIRONMENT.filters.update(
     percent=wording.percent,
     number=wording.number,
+    signed=wording.signed,
+    day=wording.day,
     words=wording.words,
+    ordinal=wording.ordinal,
     value=wording.value,
     pairs=wording.pairs,
     moment=wording.moment,

@@ -82,7 +82,7 @@ def filled(app: FastAPI, recordings: Path) -> Site:
         ledgers.registered(database, name)
     checkpoint = ledgers.uploaded(database, store, "seek", b"weights", TRIED)
     completed = ledgers.evaluated(database, store, "mine", every_outcome())
-    recorded = _recorded(hub, recordings)
+    recorded = recorded_run(hub, recordings)
     cancelled = _begun(hub, "slow")
     with database.writing() as session:
         lifecycle.cancel(session, session.get_one(Evaluation, cancelled))
@@ -158,14 +158,15 @@ def _lost(hub: Hub) -> bool:
         return found is not None
 
 
-def _recorded(hub: Hub, folder: Path) -> str:
+def recorded_run(hub: Hub, folder: Path, policy: str = "expert") -> str:
+    """An evaluation of one episode that was played and recorded."""
     with hub.database.writing() as session:
         wanted = {"tasks": ["push_button_times"], "episodes": 1, "split": "val"}
-        evaluation = ledgers.created(session, "expert", **wanted).id
+        evaluation = ledgers.created(session, policy, priority=100, **wanted).id
         attempt, shard = taken(session)
         [episode] = lifecycle.open_episodes(shard)
         lifecycle.begin(session, attempt, episode)
-        what, file = played(lifecycle.spec_of(episode), folder)
+        what, file = played(lifecycle.spec_of(episode), folder, policy)
         recording = hub.blobs.put(file.read_bytes())
         what = what.model_copy(update={"recording": recording})
         commit(session, hub.blobs, attempt, episode, what)
@@ -174,10 +175,10 @@ def _recorded(hub: Hub, folder: Path) -> str:
         return evaluation
 
 
-def played(spec: EpisodeSpec, folder: Path) -> tuple[EpisodeCommit, Path]:
-    """An expert's episode that also has beliefs, and its recording."""
+def played(spec: EpisodeSpec, folder: Path, policy: str = "expert") -> tuple[EpisodeCommit, Path]:
+    """A built-in policy's episode that also has beliefs, and its recording."""
     trace = HiddenTrace()
-    job = EpisodeJob(spec, BuiltIn("expert"), "expert", recordings=folder)
+    job = EpisodeJob(spec, BuiltIn(policy), policy, recordings=folder)
     episode = play_once(job, trace)
     decisions = tuple(
         one.model_copy(update={"belief": believed(one.decision)}) for one in episode.decisions

@@ -198,7 +198,7 @@ def test_a_checkpoint_is_shown_with_its_model_size_and_hash(client: TestClient) 
 def test_the_form_of_an_upload_knows_what_is_refused(client: TestClient, site: Site) -> None:
     text = page(client, "/evaluations/new?upload=true")
 
-    assert '<details class="upload" open>' in text
+    assert 'value="upload" data-first="Upload it first" checked' in text
     assert f'data-limit="{site.hub.settings.checkpoint_limit}"' in text
     assert "(?!(expert|amnesiac|random|noop)$)" in text
 
@@ -238,7 +238,7 @@ def test_uploads_that_are_not_done_are_offered_again(client: TestClient, site: S
 
         text = page(client, "/evaluations/new")
 
-        assert '<details class="upload" open>' in text
+        assert 'value="upload" data-first="Upload it first" checked' in text
         for row, button in ((part, "choose"), (whole, "finish")):
             offered = text.partition(f'data-upload="{row.id}"')[2].partition("</li>")[0]
             found = re.findall(r'data-unfinished="(\w+)"', offered)
@@ -426,7 +426,8 @@ def test_a_task_shows_both_moments_of_every_alias_pair(client: TestClient) -> No
         pictures = re.findall(rf'src="(/static/tasks/{name}-alias-\d+-[ab]\.webp)"', text)
 
         pairs = len(committed(name)["aliases"])
-        assert len(pictures) == 2 * text.count('class="alias"') == 2 * pairs
+        assert len(set(pictures)) == 2 * pairs
+        assert text.count('class="alias"') == (pairs if pairs > 1 else 0)
         assert all(client.get(one).status_code == 200 for one in pictures)
 
 

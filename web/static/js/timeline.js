@@ -8,6 +8,7 @@ export class Timeline {
   constructor(slider, seek) {
     this.slider = slider;
     this.end = Number(slider.dataset.end);
+    this.scale = Number(slider.dataset.scale); // seconds over the whole width
     this.moments = (slider.dataset.moments ?? "0").split(" ").map(Number);
     this.seconds = 0;
     this.seek = seek;
@@ -24,7 +25,7 @@ export class Timeline {
   /** Move the cursor, without a call of `seek`. @param {number} seconds */
   show(seconds) {
     this.seconds = Math.min(Math.max(seconds, 0), this.end);
-    const at = `${(100 * this.seconds) / this.end}%`;
+    const at = `${(100 * this.seconds) / this.scale}%`;
     this.cursor.setAttribute("x1", at);
     this.cursor.setAttribute("x2", at);
     this.slider.setAttribute("aria-valuenow", this.seconds.toFixed(3));
@@ -36,6 +37,17 @@ export class Timeline {
   go(seconds) {
     this.show(seconds);
     this.seek(this.seconds);
+  }
+
+  /**
+   * One decision on or back, or a tenth of a second.
+   * @param {number} way @param {boolean} [finely] @returns {boolean} true: it is done
+   */
+  step(way, finely = false) {
+    const before = this.moments.findLast((moment) => moment < this.seconds - 1e-3) ?? 0;
+    const after = this.moments.find((moment) => moment > this.seconds + 1e-3) ?? this.end;
+    this.go(finely ? this.seconds + way / 10 : way < 0 ? before : after);
+    return true;
   }
 
   /** The decision that is under way. */
@@ -57,7 +69,7 @@ export class Timeline {
     if (event.button !== 0) return;
     const box = this.slider.getBoundingClientRect();
     /** @param {PointerEvent} at */
-    const move = (at) => this.go(((at.clientX - box.left) / box.width) * this.end);
+    const move = (at) => this.go(((at.clientX - box.left) / box.width) * this.scale);
     const stop = () => this.slider.removeEventListener("pointermove", move);
     this.slider.setPointerCapture(event.pointerId);
     this.slider.addEventListener("pointermove", move);
@@ -69,14 +81,14 @@ export class Timeline {
   /** @param {KeyboardEvent} event */
   #key(event) {
     if (event.ctrlKey || event.metaKey || event.altKey) return;
-    const before = this.moments.findLast((moment) => moment < this.seconds - 1e-3) ?? 0;
-    const after = this.moments.find((moment) => moment > this.seconds + 1e-3) ?? this.end;
+    const way = { ArrowLeft: -1, ArrowDown: -1, ArrowRight: 1, ArrowUp: 1 }[event.key];
+    if (way) {
+      event.preventDefault();
+      this.step(way, event.shiftKey);
+      return;
+    }
     /** @type {Record<string, number>} */
     const places = {
-      ArrowLeft: event.shiftKey ? this.seconds - 0.1 : before,
-      ArrowDown: before,
-      ArrowRight: event.shiftKey ? this.seconds + 0.1 : after,
-      ArrowUp: after,
       PageDown: this.seconds - this.end / 10,
       PageUp: this.seconds + this.end / 10,
       Home: 0,
