@@ -27,7 +27,7 @@ def pages(site: Site) -> dict[str, str]:
         "evaluation-incomplete": f"/evaluations/{site.incomplete}",
         "failures": "/failures",
         "failures-of-a-task": "/failures?task=search_drawer",
-        "failures-none": "/failures?text=nowhere",
+        "failures-none": "/failures?text=zebra&task=search_drawer",
         "failures-of-one": f"/evaluations/{site.completed}/failures?task=search_drawer",
         "episode-pending": f"/episodes/{pending}",
         "policy": f"/policies/{site.checkpoint}",
