@@ -11,8 +11,10 @@ from typing import NamedTuple
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
+from hide_tasks.contract import Start
 from hide_tasks.statistics import wilson
-from server import beliefs
+from server.beliefs import Begun, checked
+from server.episodes import decisions_of
 from server.models import Episode, HiddenSpan
 from server.schemas import BeliefPublic
 
@@ -56,23 +58,28 @@ def of_completed(session: Session, evaluations: Sequence[str]) -> dict[str, Hear
 
 def heard(session: Session, evaluation: str) -> Heard:
     """What a policy said in an evaluation, counted anew."""
-    total = Heard()
-    for id in _speaking(session, evaluation):
-        found = beliefs.of(session, id)
+    total, begun = Heard(), _begun(session, evaluation)
+    played = decisions_of(session, begun)
+    for id, one in begun.items():
+        found = checked(one, played.get(id, []))
         if found.checked:
             total = total.and_episode(found.right, found.checked)
     return total
 
 
-def _speaking(session: Session, evaluation: str) -> Sequence[str]:
+def _begun(session: Session, evaluation: str) -> dict[str, Begun]:
     """The episodes whose policy said at all how many stages it holds to be done."""
     says = select(HiddenSpan.episode_id).where(
         HiddenSpan.episode_id == Episode.id,
         HiddenSpan.kind == "belief",
         HiddenSpan.name == "stage_count",
     )
-    wanted = select(Episode.id).where(Episode.evaluation_id == evaluation, says.exists())
-    return session.scalars(wanted.order_by(Episode.id)).all()
+    wanted = select(Episode.id, Episode.task, Episode.variation, Episode.start)
+    found = wanted.where(Episode.evaluation_id == evaluation, says.exists()).order_by(Episode.id)
+    return {
+        id: Begun(task, variation, start and Start.model_validate(start))
+        for id, task, variation, start in session.execute(found)
+    }
 
 
 def public(heard: Heard) -> BeliefPublic | None:

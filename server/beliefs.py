@@ -1,10 +1,11 @@
 """What a policy believed against what was true: how many stages it held to be done."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 from sqlalchemy.orm import Session
 
-from hide_tasks.contract import HiddenState
+from hide_tasks.contract import HiddenState, Start, Value
 from hide_tasks.stages import stages_done
 from server import episodes
 from server.schemas import BeliefCheck, BeliefsPublic, DecisionPublic, EpisodeDetail
@@ -19,7 +20,15 @@ def of(session: Session, id: str) -> BeliefsPublic:
     return checked(episodes.get(session, id), episodes.decisions(session, id))
 
 
-def checked(episode: EpisodeDetail, decisions: Sequence[DecisionPublic]) -> BeliefsPublic:
+class Begun(NamedTuple):
+    """What of an episode says what is true in it."""
+
+    task: str
+    variation: Mapping[str, Value]
+    start: Start | None
+
+
+def checked(episode: EpisodeDetail | Begun, decisions: Sequence[DecisionPublic]) -> BeliefsPublic:
     """Every decision whose policy said how many stages it held to be done."""
     if episode.start is None:
         return BeliefsPublic(stated=0, checked=0, right=0, decisions=[])
@@ -36,7 +45,7 @@ def checked(episode: EpisodeDetail, decisions: Sequence[DecisionPublic]) -> Beli
 
 
 def _check(
-    episode: EpisodeDetail, one: DecisionPublic, stage: str, hidden: HiddenState
+    episode: EpisodeDetail | Begun, one: DecisionPublic, stage: str, hidden: HiddenState
 ) -> BeliefCheck:
     assert one.belief is not None and one.belief.stage_count is not None
     believed = one.belief.stage_count

@@ -211,12 +211,12 @@ def changes(session: Session, id: str) -> list[ChangePublic]:
     ]
 
 
-def failure_groups(session: Session, *, evaluation: str) -> list[FailureGroup]:
-    """How many episodes of an evaluation failed in which way, most frequent first."""
+def failure_groups(session: Session, **wanted: Any) -> list[FailureGroup]:
+    """How many of the episodes that are wanted failed in which way, most frequent first."""
     count = func.count()
     found = session.execute(
         select(Episode.category, Episode.task, Episode.failure, count)
-        .where(Episode.evaluation_id == evaluation, Episode.failure.is_not(None))
+        .where(*conditions(Wanted(**wanted)), Episode.failure.is_not(None))
         .group_by(Episode.category, Episode.task, Episode.failure)
         .order_by(count.desc(), Episode.task, Episode.failure)
     )

@@ -9,7 +9,7 @@ from collections import Counter
 from collections.abc import Iterator
 from typing import Any
 
-from sqlalchemy import ColumnElement, Text, and_, case, cast, func, select
+from sqlalchemy import ColumnElement, Text, case, cast, func, select
 from sqlalchemy.orm import Session
 
 from hide_tasks.contract import Category
@@ -47,7 +47,7 @@ def facets(session: Session, wanted: Wanted) -> EpisodeFacets:
 
 def count(session: Session, wanted: Wanted) -> int:
     """How many episodes are wanted."""
-    return session.scalar(select(func.count(Episode.id)).where(*conditions(wanted))) or 0
+    return session.scalar(select(func.count()).select_from(Episode).where(*conditions(wanted))) or 0
 
 
 def _by_column(session: Session, wanted: Wanted, name: str) -> list[FacetValue]:
@@ -104,10 +104,10 @@ def _by_hidden(session: Session, wanted: Wanted) -> Iterator[FacetValue]:
 
 def _hidden(session: Session, wanted: Wanted, named: ColumnElement[bool]) -> Iterator[FacetValue]:
     value, number = cast(HiddenSpan.value, Text), func.count()
+    ids = select(Episode.id).where(*conditions(wanted))
     rows = session.execute(
         select(HiddenSpan.name, value, number)
-        .join(Episode, Episode.id == HiddenSpan.episode_id)
-        .where(*conditions(wanted), and_(named, is_last(HiddenSpan)))
+        .where(HiddenSpan.episode_id.in_(ids), named, is_last(HiddenSpan))
         .group_by(HiddenSpan.name, value)
         .limit(MOST)
     )

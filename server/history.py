@@ -68,16 +68,35 @@ def _phases(
     spans: Spans,
     until: datetime,
 ) -> Iterator[Phase]:
-    playing = _merged(
-        Gap(span.start, span.end or until) for group in spans.values() for span in group
-    )
     held = _merged(Gap(one.leased, one.ended or until) for one in attempts)
     at = evaluation.created
-    for gap in [*playing, Gap(until, until)]:
-        yield from _between(session, evaluation, attempts, held, Gap(at, gap.start))
-        if gap.end > gap.start:
-            yield Phase(activity="playing", start=gap.start, end=gap.end, detail="")
-        at = gap.end
+    for phase in sorted(_played(attempts, spans, until), key=lambda one: one.start):
+        start = max(at, phase.start)
+        yield from _between(session, evaluation, attempts, held, Gap(at, start))
+        if phase.end > start:
+            yield phase.model_copy(update={"start": start})
+            at = phase.end
+    yield from _between(session, evaluation, attempts, held, Gap(at, until))
+
+
+def _played(attempts: Sequence[Attempt], spans: Spans, until: datetime) -> Iterator[Phase]:
+    """When somebody played, and when in vain; these may overlap."""
+    everything = [span for group in spans.values() for span in group]
+    kept = (span for span in everything if span.outcome != "lost")
+    for gap in _merged(Gap(span.start, span.end or until) for span in kept):
+        yield Phase(activity="playing", start=gap.start, end=gap.end, detail="")
+    for span in everything:
+        if span.outcome == "lost" and span.end:
+            yield _in_vain(attempts, span.start, span.end)
+
+
+def _in_vain(attempts: Sequence[Attempt], start: datetime, end: datetime) -> Phase:
+    reasons = [one.reason for one in attempts if one.reason and one.ended and one.ended >= end]
+    reason = reasons[0] if reasons else "its episode was put back"
+    if reason == STOPPED:
+        detail = "the server stopped, and took its work back when it ran again"
+        return Phase(activity="stopped", start=start, end=end, detail=detail)
+    return Phase(activity="lost", start=start, end=end, detail=f"a try was lost: {reason}")
 
 
 def _between(
@@ -107,14 +126,12 @@ def _waiting(
     before = [one for one in attempts if one.ended and one.ended <= gap.start]
     lost = before[-1] if before and before[-1].state == AttemptState.LOST else None
     activity: Activity = "waiting" if attempts and attempts[0].leased < gap.start else "queued"
-    if lost and lost.reason == STOPPED:
-        return Phase(activity="stopped", start=gap.start, end=gap.end, detail="no server ran")
     if _was_incomplete(session, evaluation.id, gap):
         detail = "incomplete, until it was resumed"
         return Phase(activity="incomplete", start=gap.start, end=gap.end, detail=detail)
     detail = _played_meanwhile(session, evaluation.id, gap) or "no worker was free, or none ran"
     if lost:
-        detail = f"an attempt was lost ({lost.reason}); {detail}"
+        detail = f"after an attempt was lost ({lost.reason}): {detail}"
     return Phase(activity=activity, start=gap.start, end=gap.end, detail=detail)
 
 

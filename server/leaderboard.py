@@ -15,7 +15,7 @@ from statistics import fmean
 from sqlalchemy import Integer, cast, func, select
 from sqlalchemy.orm import Session
 
-from hide_tasks import ALL_TASKS, load, suite
+from hide_tasks import load, suite
 from hide_tasks.contract import Category, Split
 from server import belief_scores, facts, outcomes, ranks, tasks
 from server.evaluations import Counts, verdicts
@@ -33,6 +33,7 @@ from server.schemas import (
     Verdicts,
 )
 from server.states import EvaluationState
+from server.suites import BOARDS
 
 ByTask = dict[str, Counts]
 Read = Callable[[Session, Sequence[str]], dict[str, Outcomes]]
@@ -43,14 +44,18 @@ _computing = threading.Lock()
 
 
 def leaderboard(
-    session: Session, *, split: Split = "test", verdict: Verdict = "success"
+    session: Session,
+    *,
+    split: Split = "test",
+    verdict: Verdict = "success",
+    of: str = suite.SUITE,
 ) -> Leaderboard:
-    """The leaderboard of a split, best first by a verdict; reference policies follow."""
-    key = (split, verdict, standing(session, split))
+    """The leaderboard of a suite's split, best first by a verdict; reference policies follow."""
+    key = (of, split, verdict, standing(session, split))
     with _computing:  # once for all who ask
         found = _kept.get(key)
         if found is None:
-            found = compute(session, split, verdict)
+            found = compute(session, split, verdict, of=of)
             if len(_kept) >= MOST_KEPT:
                 _kept.clear()
             _kept[key] = found
@@ -70,39 +75,44 @@ def standing(session: Session, split: Split) -> Hashable:
 
 
 def compute(
-    session: Session, split: Split, verdict: Verdict, read: Read = outcomes.of_completed
+    session: Session,
+    split: Split,
+    verdict: Verdict,
+    read: Read = outcomes.of_completed,
+    of: str = suite.SUITE,
 ) -> Leaderboard:
     """The leaderboard anew, from outcomes that are kept or, with another reader, from the rows."""
-    shown, others = _latest(session, split)
+    shown, others = _latest(session, split, of)
     played = read(session, [one.id for one in shown])
     said = belief_scores.told(session, [one.id for one in shown])
-    measure = partial(normalised, ceilings=counting(columns(), verdict), verdict=verdict)
+    measure = partial(normalised, ceilings=counting(columns(of), verdict), verdict=verdict)
     rows = [_row(one, _counted(played[one.id]), said[one.id], measure) for one in shown]
     rows.sort(key=lambda row: (row.reference, -(getattr(row.overall, verdict).value or 0.0)))
     return Leaderboard(
-        suite=f"{suite.SUITE} {suite.VERSION}",
+        suite=f"{of} {suite.VERSION}",
         split=split,
         verdict=verdict,
-        columns=columns(),
-        ceilings=ceilings(verdict),
+        columns=columns(of),
+        ceilings=ceilings(verdict, of),
         rows=ranks.with_sets(list(ranks.numbered(rows, verdict)), played, verdict),
         unlisted=others,
     )
 
 
-def columns() -> list[LeaderboardColumn]:
-    """The tasks by category."""
+def columns(of: str = suite.SUITE) -> list[LeaderboardColumn]:
+    """A suite's tasks by category."""
     return [
         LeaderboardColumn(task=one.name, category=one.category, certificate=one.certificate)
         for one in tasks.catalogue()
+        if one.name in BOARDS[of]
     ]
 
 
-def ceilings(verdict: Verdict) -> dict[str, float | None]:
+def ceilings(verdict: Verdict, of: str = suite.SUITE) -> dict[str, float | None]:
     """The most that is possible without memory: per task, per category, overall."""
     found: dict[str, float | None] = {}
     groups: dict[str, list[float | None]] = defaultdict(list)
-    for column in columns():
+    for column in columns(of):
         proof = column.certificate
         ceiling = getattr(proof, f"ceiling_{verdict}") if proof else None
         found[column.task] = ceiling
@@ -116,21 +126,20 @@ def _mean(values: Iterable[float | None]) -> float | None:
     return fmean(value for value in known if value is not None) if None not in known else None
 
 
-def _latest(session: Session, split: Split) -> tuple[list[Evaluation], int]:
+def _latest(session: Session, split: Split, of: str) -> tuple[list[Evaluation], int]:
     """The latest whole evaluation of each policy version, and how many others there are."""
-    of_split = Evaluation.split == split
+    of_split = (Evaluation.split == split) & (Evaluation.suite == of)
     known = select(Evaluation.policy_version_id, Evaluation.id, Evaluation.tasks).where(
         of_split,
         Evaluation.state == EvaluationState.COMPLETED,
         Evaluation.rules == "hide",
-        Evaluation.suite == suite.SUITE,
         Evaluation.suite_version == suite.VERSION,
         Evaluation.episodes == suite.SPLITS.get(split, 0),
     )
     whole = {
         version: id
         for version, id, tasks in session.execute(known.order_by(Evaluation.id))
-        if set(tasks) == set(ALL_TASKS)
+        if set(tasks) == set(BOARDS[of])
     }
     shown = session.scalars(select(Evaluation).where(Evaluation.id.in_(whole.values()))).all()
     count = session.scalar(select(func.count()).where(of_split)) or 0

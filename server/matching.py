@@ -209,7 +209,8 @@ def is_last(span: Any) -> ColumnElement[bool]:
         later.name == span.name,
         later.number == span.number + 1,
     )
-    return and_(span.kind == "hidden", ~after.exists())
+    # Joined with nothing, the kind is no reason for SQLite to go through all episodes' spans.
+    return and_(span.kind.concat("") == "hidden", ~after.exists())
 
 
 def _is_varied(axis: str, values: Sequence[str]) -> ColumnElement[bool]:

@@ -314,7 +314,7 @@ class AttemptPublic(BaseModel):
 
 
 Outcome = Literal["exact", "success", "failed", "running", "lost"]
-Activity = Literal["queued", "starting", "playing", "waiting", "stopped", "incomplete"]
+Activity = Literal["queued", "starting", "playing", "lost", "waiting", "stopped", "incomplete"]
 
 
 class LaneSpan(BaseModel):

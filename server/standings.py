@@ -9,10 +9,13 @@ from datetime import UTC, date
 from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BaseModel, Field, model_validator
+from sqlalchemy.orm import Session
 
-from hide_tasks import ALL_TASKS
 from hide_tasks.contract import Category, Split
+from hide_tasks.suite import SUITE
+from server import leaderboard
 from server.schemas import Leaderboard, LeaderboardColumn, LeaderboardRow, Verdict
+from server.suites import BOARDS
 
 Order = Literal["asc", "desc"]
 Value = float | str | None
@@ -20,7 +23,19 @@ RANK = "rank"
 TEXTS = ("policy",)  # sorted from A to Z unless it is said otherwise
 OF_ROW = ("overall", "normalised", "gap", "belief", "ended")
 CATEGORIES = tuple(str(one) for one in Category)
-SORTS = (RANK, *TEXTS, *OF_ROW, *CATEGORIES, *ALL_TASKS)
+SORTS = (
+    RANK,
+    *TEXTS,
+    *OF_ROW,
+    *CATEGORIES,
+    *dict.fromkeys(task for tasks in BOARDS.values() for task in tasks),
+)
+
+
+def _with_board(suite: str) -> str:
+    if suite not in BOARDS:
+        raise ValueError(f"is '{suite}'; there are leaderboards of {', '.join(BOARDS)}")
+    return suite
 
 
 def _known(column: str) -> str:
@@ -36,6 +51,7 @@ Text = Annotated[str, Field(max_length=80)]
 class BoardQuery(BaseModel):
     """Which leaderboard, and what of it; it travels in the address."""
 
+    suite: Annotated[str, AfterValidator(_with_board)] = SUITE
     split: Split = "test"
     verdict: Verdict = Field("success", description="Ranks by it.")
     category: Category | None = Field(None, description="Only its columns; ranks are overall.")
@@ -65,6 +81,18 @@ class BoardQuery(BaseModel):
         """The filters that leave out rows and are set, as the address says them."""
         named = self.model_dump(mode="json", include=set(FILTERS), exclude_defaults=True)
         return {name: named[name] for name in FILTERS if name in named}
+
+
+def of(session: Session, wanted: BoardQuery) -> Leaderboard:
+    """The leaderboard that is asked for."""
+    return shown(whole(session, wanted), wanted)
+
+
+def whole(session: Session, wanted: BoardQuery) -> Leaderboard:
+    """It with all of its rows and columns, in its own order."""
+    return leaderboard.leaderboard(
+        session, split=wanted.split, verdict=wanted.verdict, of=wanted.suite
+    )
 
 
 def shown(board: Leaderboard, wanted: BoardQuery) -> Leaderboard:

@@ -15,6 +15,7 @@ from server.schemas import Covers, EvaluationCreate
 from workers.results import in_order
 
 SMOKE_SPLIT: Split = "val"
+BOARDS: dict[str, tuple[str, ...]] = {suite.SUITE: tuple(ALL_TASKS)}  # leaderboards, their tasks
 CHOOSES = ("tasks", "category", "episodes")  # what a name chooses by itself
 
 

@@ -113,7 +113,8 @@ def _reason(busy: dict[str, int], one: Waiting, before: int) -> Why:
     spec = one.evaluation.policy_version.spec
     playing = busy.get(str(spec.get("url")), 0)
     if spec.get("url") and playing >= (spec.get("concurrency") or 1):
-        return QueueReason.POLICY_BUSY, f"Its policy's server plays {playing} shards, its most."
+        plays = "1 shard" if playing == 1 else f"{playing} shards"
+        return QueueReason.POLICY_BUSY, f"Its policy's server plays {plays}, its most."
     if before:
         return QueueReason.OTHERS_FIRST, f"{_counted(before, 'shard')} handed out before."
     return QueueReason.WORKERS_BUSY, "It is next, as soon as a worker is free."

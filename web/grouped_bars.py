@@ -1,17 +1,30 @@
 """Rates as upright bars with their intervals, side by side."""
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 from markupsafe import Markup
 
-from server.schemas import RatePublic
 from web.charts import element
 
 HEIGHT = 120.0  # px of 100 %
 TOP, BELOW, LEFT = 16.0, 18.0, 30.0  # px
-PITCH, WIDTH = 34.0, 22.0  # px of a bar with what is around it, and without
+WIDTH, AROUND = 22.0, 12.0  # px of a bar, and of what is around it
+LETTER = 8.0  # px of a label's, at most
 TICKS = (0.0, 0.25, 0.5, 0.75, 1.0)
+
+
+class Measured(Protocol):
+    """A rate, or a mean of rates."""
+
+    @property
+    def value(self) -> float | None: ...
+    @property
+    def low(self) -> float: ...
+    @property
+    def high(self) -> float: ...
+    @property
+    def episodes(self) -> int: ...
 
 
 class Bar(NamedTuple):
@@ -19,7 +32,7 @@ class Bar(NamedTuple):
 
     label: str  # short: it stands below the bar
     name: str
-    rate: RatePublic | None  # none: not measured
+    rate: Measured | None  # none: not measured
     published: float | None = None  # the paper's figure, drawn as a dashed line
 
 
@@ -30,10 +43,11 @@ def grouped(bars: Sequence[Bar], kind: str, label: str) -> Markup:
         kind: class of their colour.
         label: what a reader that cannot see is told before the numbers.
     """
-    width = LEFT + PITCH * len(bars) + 4
+    pitch = max(WIDTH + AROUND, LETTER * max((len(bar.label) for bar in bars), default=0) + 6)
+    width = LEFT + pitch * len(bars) + 4
     marks = [mark for tick in TICKS for mark in _tick(tick, width)]
     for place, bar in enumerate(bars):
-        marks += _bar(bar, LEFT + PITCH * place + (PITCH - WIDTH) / 2)
+        marks += _bar(bar, LEFT + pitch * place + (pitch - WIDTH) / 2)
     return element(
         "svg",
         *marks,
@@ -60,11 +74,12 @@ def _bar(bar: Bar, x: float) -> list[Markup]:
         marks += _measured(bar.rate, bar.rate.value, x)
     if bar.published is not None:
         y = _at(bar.published)
-        marks.append(element("line", class_="published", x1=x - 4, x2=x + WIDTH + 4, y1=y, y2=y))
+        line = element("line", class_="published", x1=x - 4, x2=x + WIDTH + 4, y1=y, y2=y)
+        marks.insert(2, line)  # above the bar, below its number
     return [element("g", element("title", _told(bar)), *marks)]
 
 
-def _measured(rate: RatePublic, value: float, x: float) -> list[Markup]:
+def _measured(rate: Measured, value: float, x: float) -> list[Markup]:
     middle, y = x + WIDTH / 2, _at(value)
     whisker = {"x1": middle, "x2": middle, "y1": _at(rate.low), "y2": _at(rate.high)}
     number = {"x": middle, "y": _at(rate.high) - 4, "text_anchor": "middle"}

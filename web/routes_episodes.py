@@ -17,7 +17,6 @@ from server.schemas import DecisionPublic, EpisodeDetail
 from web.beside import beside, offered
 from web.filters import Filters
 from web.memory_panel import memories
-from web.routes_evaluations import all_episodes
 from web.templating import page
 from web.timeline import Timeline
 from web.viewer_assets import LAYOUT, SCRIPT, ViewerAssets
@@ -94,14 +93,8 @@ def neighbours(
     session: Session, episode: EpisodeDetail, filters: Filters
 ) -> tuple[str | None, str | None]:
     """The episodes before and after, among those that the filter shows."""
-    if not filters.given:
-        return episode.previous, episode.next
-    wanted = filters.wanted()
-    ids = [one.id for one in all_episodes(session, episode.evaluation, **wanted)]
-    if episode.id not in ids:
-        return episode.previous, episode.next
-    at = ids.index(episode.id)
-    return (ids[at - 1] if at else None), (ids[at + 1] if at + 1 < len(ids) else None)
+    found = episodes.beside(session, episode.id, **filters.wanted()) if filters.given else None
+    return found or (episode.previous, episode.next)
 
 
 class Row(NamedTuple):

@@ -10,8 +10,9 @@ from server import snapshots
 from server.access import Router, Scope, needs
 from server.deps import Cursor, Reading, TheHub, ThePrincipal
 from server.routes.snapshots import take_snapshot
-from server.schemas import SnapshotContent, SnapshotCreate, Verdict
-from web.routes_leaderboard import SHOWN_SPLITS, drawn
+from server.schemas import SnapshotContent, SnapshotCreate
+from web.board import VIEWS, PageQuery, Shown, fields
+from web.routes_leaderboard import SHOWN_SPLITS
 from web.templating import page
 
 router = Router(include_in_schema=False)
@@ -38,13 +39,15 @@ def list_snapshots(request: Request, session: Reading, cursor: Cursor = None) ->
 def keep_leaderboard(
     hub: TheHub,
     principal: ThePrincipal,
+    wanted: Annotated[PageQuery, Query()],
     split: Annotated[Split, Form()] = "test",
     note: Annotated[str, Form(max_length=MOST_NOTE)] = "",
 ) -> Response:
-    """Keeps the leaderboard as it stands, and shows what was kept."""
-    wanted = SnapshotCreate(split=split, note=note)
-    taken = take_snapshot(wanted, hub, principal, Response())
-    return RedirectResponse(f"/snapshots/{taken.number}", 303)
+    """Keeps the leaderboard as it stands, and shows what was kept in the view it was taken from."""
+    create = SnapshotCreate(split=split, note=note)
+    taken = take_snapshot(create, hub, principal, Response())
+    shown = fields(wanted.model_copy(update={"split": "test"}))
+    return RedirectResponse(f"/snapshots/{taken.number}{shown}", 303)
 
 
 @router.get("/snapshots/{snapshot}")
@@ -53,16 +56,21 @@ def show_snapshot(
     request: Request,
     session: Reading,
     snapshot: str,
-    verdict: Annotated[Verdict, Query()] = "success",
+    wanted: Annotated[PageQuery, Query()],
 ) -> HTMLResponse:
     """A leaderboard as it was kept, and what its rows rest on."""
     row = snapshots.find(session, snapshot)
     content = SnapshotContent.model_validate_json(row.content)
+    whole = content.leaderboards[wanted.verdict]
+    found = Shown(whole, wanted, row.sha256, f"/snapshots/{row.number}")
     shown = {
+        "page": found,
+        "views": VIEWS,
+        "kept": True,
         "snapshot": snapshots.public(row),
         "content": content,
         "rests_on": {one.evaluation: one for one in content.evaluations},
-        "board": content.leaderboards[verdict],
-        "drawn": drawn(content.leaderboards[verdict]),
+        "board": whole,
+        "drawn": found.drawn() if found.board.rows else "",
     }
     return page(request, "snapshot.html", shown)

@@ -30,6 +30,14 @@ FAILURES = {
     Failure.POLICY_TIMEOUT: "The policy did not answer in time.",
 }
 
+VERDICTS = {
+    "inexact": "not exact",
+    "failed": "failed",
+    "success": "success, not exact",
+    "exact": "exact",
+    "all": "all",
+}
+
 CHECKS = {  # of workers.preflight.Check, and what the page of an upload adds
     "hash": "SHA-256 of what came is the sender's",
     "conversion": "converted from a file of torch.save",
@@ -66,6 +74,11 @@ def number(value: float | None) -> str:
     return "–" if value is None else f"{100 * value:.0f}"
 
 
+def signed(value: float) -> str:
+    """A share as a whole number of percent that may be below 0."""
+    return f"{round(100 * value)}".replace("-", "−")
+
+
 def words(name: str) -> str:
     """A name of the code as words, e.g. 'policy error'."""
     return name.replace("_", " ")
@@ -90,6 +103,11 @@ def pairs(values: Mapping[str, object]) -> str:
 def moment(time: datetime.datetime) -> str:
     """A date and time in UTC."""
     return f"{time.astimezone(datetime.UTC):%d %b %Y, %H:%M}".lstrip("0")
+
+
+def day(time: datetime.datetime) -> str:
+    """A date in UTC."""
+    return f"{time.astimezone(datetime.UTC):%d %b %Y}".lstrip("0")
 
 
 def seconds(time: float) -> str:
@@ -128,6 +146,12 @@ def size(count: int) -> str:
         if count >= bytes_of:
             return f"{count / bytes_of:.3g}{THIN}{unit}"
     return f"{count}{THIN}bytes"
+
+
+def ordinal(place: int) -> str:
+    """A place in a queue, e.g. '2nd'."""
+    ends = {1: "st", 2: "nd", 3: "rd"}
+    return f"{place}{'th' if place % 100 in (11, 12, 13) else ends.get(place % 10, 'th')}"
 
 
 def verdict(success: bool | None, exact: bool | None) -> str:

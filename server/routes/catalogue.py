@@ -38,9 +38,8 @@ def get_leaderboard(
     Filters leave out rows, `category` columns; ranks are those among all policies.
     """
     standing = leaderboard.standing(session, wanted.split)
-    revalidate.unless(wanted.model_dump_json(), standing, leaderboard.columns())
-    board = leaderboard.leaderboard(session, split=wanted.split, verdict=wanted.verdict)
-    return standings.shown(board, wanted)
+    revalidate.unless(wanted.model_dump_json(), standing, leaderboard.columns(wanted.suite))
+    return standings.of(session, wanted)
 
 
 @router.get("/leaderboard/published")

@@ -1,13 +1,16 @@
-"""Several policies on the same episodes, and as files."""
+"""Several policies on the same episodes, and the ablations; both as files."""
 
 from typing import Annotated
 
-from fastapi import Query
+from fastapi import Depends, Query
 from fastapi.responses import StreamingResponse
 from pydantic import StringConstraints
 
 from hide_tasks.contract import Split
-from server import comparison_exports, several
+from server import ablation_exports, ablations, comparison_exports, several
+from server.ablation_rows import Size
+from server.ablation_schemas import Ablations
+from server.ablations import Asked
 from server.access import Router, Scope, needs
 from server.board_exports import LeaderboardFormat
 from server.comparison_schemas import SeveralComparison
@@ -28,6 +31,7 @@ Policies = Annotated[
         description="Evaluations' ids, or policies: name, name@version. Once for each.",
     ),
 ]
+ABLATIONS = "/ablations"
 OnSplit = Annotated[Split, Query(description="Of policies: where they are compared.")]
 
 
@@ -66,3 +70,47 @@ def export_comparison(
     compared = several.compare(session, several.found(session, policy, split), verdict=verdict)
     pieces = comparison_exports.of_comparison(compared, format)
     return file_of(pieces, f"comparison-{split}-{verdict}", format.value)
+
+
+def _ablations_asked(
+    split: Split = "test",
+    verdict: Verdict = "success",
+    size: Annotated[Size, Query(description="Of the presets: on two cores, or as published.")] = (
+        "small"
+    ),
+    clock: Annotated[
+        bool, Query(description="Policies that are told the number of the decision.")
+    ] = False,
+) -> Asked:
+    return Asked(split, verdict, size, clock)
+
+
+WhichAblations = Annotated[Asked, Depends(_ablations_asked)]
+
+
+@router.get(ABLATIONS)
+@needs(Scope.READ)
+def get_ablations(session: Reading, revalidate: Revalidate, asked: WhichAblations) -> Ablations:
+    """Memory's content, length and components, as in the paper's table and figure.
+
+    A checkpoint stands in the cell that its configuration says, with its latest whole evaluation;
+    of several versions in one cell the mean is given, and each. Neighbours are tested on the same
+    episodes, with Holm's correction in each block. The paper's figures are of another simulator.
+    """
+    revalidate.unless(*asked, *ablations.standing(session, asked.split))
+    return ablations.ablations(session, asked)
+
+
+@router.get(
+    ABLATIONS + "/export", response_class=StreamingResponse, responses=of_formats(LeaderboardFormat)
+)
+@needs(Scope.READ)
+def export_ablations(
+    session: Reading,
+    asked: WhichAblations,
+    format: LeaderboardFormat = LeaderboardFormat.CSV,
+) -> StreamingResponse:
+    """The ablations as a file: JSON, CSV with a line per row, LaTeX rows of the paper's table."""
+    found = ablations.ablations(session, asked)
+    pieces = ablation_exports.of_ablations(found, format)
+    return file_of(pieces, f"ablations-{asked.size}-{asked.split}-{asked.verdict}", format.value)

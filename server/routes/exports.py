@@ -8,7 +8,7 @@ from fastapi import Query
 from fastapi.responses import StreamingResponse
 from pydantic import Field
 
-from server import board_exports, evaluations, leaderboard, standings
+from server import board_exports, evaluations, standings
 from server.access import Router, Scope, needs
 from server.board_exports import LeaderboardFormat
 from server.deps import EvaluationId, Reading, TheHub
@@ -71,9 +71,7 @@ def export_leaderboard(
 ) -> StreamingResponse:
     """The leaderboard as a file, with the rows, columns and order that are asked for: JSON, CSV,
     or LaTeX: rows of the paper's table, or with `table` all of it."""
-    board = leaderboard.leaderboard(session, split=wanted.split, verdict=wanted.verdict)
-    pieces = board_exports.of_leaderboard(
-        standings.shown(board, wanted), wanted.format, table=wanted.table
-    )
+    board = standings.of(session, wanted)
+    pieces = board_exports.of_leaderboard(board, wanted.format, table=wanted.table)
     name = f"leaderboard-{wanted.split}-{wanted.verdict}"
     return file_of(pieces, name, wanted.format.value)

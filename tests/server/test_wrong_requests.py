@@ -67,6 +67,8 @@ OTHER_ROUTES = [
     ("GET", "/comparisons"),
     ("GET", "/comparisons/several"),
     ("GET", "/comparisons/several/export"),
+    ("GET", "/ablations"),
+    ("GET", "/ablations/export"),
     ("GET", "/queue"),
     ("GET", "/workers"),
     ("GET", "/workers/log"),
@@ -287,6 +289,9 @@ def test_a_wrong_field_is_named_with_what_is_allowed(
         ("/comparisons/several", {"policy": ["expert", ""]}, "policy"),
         ("/comparisons/several", {"policy": ["noop", "expert"]}, "policy.0"),
         ("/comparisons/several", {"policy": ["a", "b"], "verdict": "x"}, "verdict"),
+        ("/ablations", {"size": "large"}, "size"),
+        ("/ablations", {"clock": "late"}, "clock"),
+        ("/ablations/export", {"format": "zip"}, "format"),
         ("/comparisons/several/export", {"policy": ["a", "b"], "format": "zip"}, "format"),
         ("/leaderboard/snapshots", {"cursor": "WyJhIl0"}, "cursor"),  # ["a"]
         ("/policies", {"cursor": "WzFd"}, "cursor"),

@@ -3,18 +3,21 @@
 import csv
 import io
 import json
+import re
 import zipfile
 from collections.abc import Iterator
+from itertools import accumulate
 
 import pytest
 
 from hide_tasks import ALL_TASKS, load
-from hide_tasks.contract import EpisodeSpec, Failure
+from hide_tasks.contract import Category, EpisodeSpec, Failure
 from server import board_exports, latex, leaderboard
 from server.board_exports import LeaderboardFormat
 from server.exports import line_of
 from server.models import now
 from server.schemas import Leaderboard, LeaderboardRow, RatePublic, Verdicts
+from server.standings import BoardQuery, shown
 from tests.server import ledgers
 from tests.server.clients import API, TestClient, client, hub_of
 
@@ -178,6 +181,65 @@ def test_latex_marks_the_best_of_the_leaderboard(board: Leaderboard) -> None:
     assert rows["bad@1"][:2] == ["0.0", "0"]
     assert rows["expert@1"][:2] == ["100.0", "100"]  # it knows the hidden state
     assert {len(row) for row in rows.values()} == {19}
+
+
+def test_the_whole_table_is_laid_out_as_in_the_paper(board: Leaderboard) -> None:
+    [text] = board_exports.of_leaderboard(board, LeaderboardFormat.LATEX, table=True)
+    table = text.decode()
+
+    balance(table)
+    assert table.count(r"\columncolor") == 4 + 3 and table.count(r"\shortstack") == 15
+    assert [line.strip() for line in table.splitlines() if "cmidrule" in line] == [
+        r"\cmidrule(lr){3-8}",
+        r"\cmidrule(lr){9-14}",
+        r"\cmidrule(lr){15-20}",
+    ]
+    rows = [line for line in table.splitlines() if "@1 &" in line]
+    assert rows == whole(board, LeaderboardFormat.LATEX).splitlines()[1:]
+    assert all(line.count(" & ") == 19 for line in rows)
+    assert "not comparable with figures of another simulator" in table
+
+
+def test_a_category_alone_has_its_columns_and_the_average_of_all(board: Leaderboard) -> None:
+    only = shown(board, BoardQuery(category=Category.HISTORICAL_STATE_RECALL))
+    [text] = board_exports.of_leaderboard(only, LeaderboardFormat.LATEX, table=True)
+    table = text.decode()
+
+    balance(table)
+    assert "Historical-State Recall (HSR)" in table and "Repetition Counting" not in table
+    assert "better@1 & " + r"\textbf{96.0}" in table
+    assert all(line.count(" & ") == 7 for line in table.splitlines() if "@1 &" in line)
+
+
+def balance(table: str) -> None:
+    """Environments, braces and cells of a table are whole; comments aside."""
+    code = re.sub(r"(?<!\\)%.*", "", table)
+    plain = code.replace(r"\&", "").replace(r"\{", "").replace(r"\}", "").replace(r"\%", "")
+    depths = list(accumulate({"{": 1, "}": -1}.get(char, 0) for char in plain))
+    assert min(depths) == 0 and depths[-1] == 0
+    open_ones: list[str] = []
+    for verb, name in re.findall(r"\\(begin|end)\{([^}]+)\}", plain):
+        if verb == "begin":
+            open_ones.append(name)
+        else:
+            assert open_ones.pop() == name
+    assert open_ones == []
+    [columns] = re.findall(r"\\begin\{tabular\}\{(.+)\}", code)
+    count = len(re.sub(r">\{[^}]*\}\}|@\{\}", "", columns))
+    body = plain.partition(r"\toprule")[2].partition(r"\bottomrule")[0]
+    stacked = re.sub(r"\\shortstack\{[^}]*\}", "", body)
+    for line in stacked.split("\\\\")[:-1]:
+        spans = [int(one) for one in re.findall(r"\\multicolumn\{(\d+)\}", line)]
+        assert line.count("&") + 1 + sum(spans) - len(spans) == count, line
+
+
+def test_files_have_the_rows_and_the_order_that_are_asked_for(board: Leaderboard) -> None:
+    only = shown(board, BoardQuery(search="o", sort="policy", order="desc"))
+    found = list(csv.DictReader(io.StringIO(whole(only, LeaderboardFormat.CSV))))
+    latex_rows = [row[0] for row in cells_of(whole(only, LeaderboardFormat.LATEX))]
+
+    assert [(row["rank"], row["policy"]) for row in found] == [("2", "good_one")]
+    assert latex_rows == [r"good\_one@1"]
 
 
 def test_csv_holds_a_line_per_policy(board: Leaderboard) -> None:

@@ -120,10 +120,13 @@ def test_a_try_that_was_lost_stays_to_be_seen(here: TestClient, clock: Clock, ha
     assert [span["outcome"] for span in lane["spans"]] == ["lost", "exact"]
     phases = [(one["activity"], one["detail"]) for one in found["phases"]]
     assert [activity for activity, _ in phases] == [
-        "queued", "starting", "playing", "waiting", "playing"
+        "queued", "starting", "lost", "waiting", "playing"
     ]  # fmt: skip
-    assert "its worker disappeared" in phases[3][1]
-    assert found["seconds"] == {"queued": 60, "starting": 3, "playing": 17, "waiting": 20}
+    assert phases[2][1] == "a try was lost: its worker disappeared"
+    assert "after an attempt was lost" in phases[3][1]
+    assert found["seconds"] == {
+        "queued": 60, "starting": 3, "lost": 10, "waiting": 20, "playing": 7
+    }  # fmt: skip
     assert not found["running"]
 
 
@@ -148,15 +151,16 @@ def test_a_server_that_did_not_run_is_told_apart(
     id = create(here, episodes=1)["id"]
     attempt = hand.lease()
     hand.begin(attempt)
-    clock.after(5)
+    clock.after(605)
     with hand.hub.database.writing() as session:
         lifecycle.recover(session, session.get_one(Evaluation, id).sources)
-    clock.after(600)
+    clock.after(2)
 
-    phases = history(here, id)["phases"]
+    found = history(here, id)
 
-    assert [(one["activity"], one["detail"]) for one in phases][-1] == ("stopped", "no server ran")
-    assert history(here, id)["seconds"] == {"playing": 5, "stopped": 600}
+    assert [one["activity"] for one in found["phases"]] == ["stopped", "waiting"]
+    assert "took its work back" in found["phases"][0]["detail"]
+    assert found["seconds"] == {"stopped": 605, "waiting": 2}
 
 
 def test_the_log_says_in_words_what_happened(here: TestClient, hand: Hand) -> None:

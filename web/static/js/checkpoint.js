@@ -31,6 +31,7 @@ const now = { sending: null, running: false, stopped: false };
 /** @type {{name: string, sha256: string} | null} */
 let expected = null;
 let saidAt = 0;
+let telling = "";
 
 dropping(form, () => now.running);
 addEventListener("beforeunload", (event) => now.running && event.preventDefault());
@@ -173,10 +174,12 @@ async function unfinished(row, what) {
  * @param {number} size
  */
 function tell(what, done, size) {
+  if (what !== telling) pace.forget();
   bar.value = size ? done / size : 0;
   const text = `${what}${megabytes(done)} of ${megabytes(size)} MB`;
   shown.textContent = text + pace.said(done, size);
-  if (Date.now() - saidAt > SAY_EVERY) say(text);
+  if (what !== telling || Date.now() - saidAt > SAY_EVERY) say(text);
+  telling = what;
 }
 
 /** The line is cut, or the server is busy: nothing moves. @param {string} text */
@@ -203,6 +206,7 @@ function busy(running) {
   send.disabled = running;
   pause.hidden = bar.hidden = !running;
   pace.forget();
+  telling = "";
   if (!running) shown.textContent = "";
   if (running) offer(false);
 }
