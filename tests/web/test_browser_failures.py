@@ -137,6 +137,20 @@ def test_a_label_and_a_note_are_added_and_taken_back(browser: Browser, address: 
         expect(page.locator(".empty h2")).to_have_text("No episode matches")
 
 
+def test_an_episode_is_labelled_on_its_page_while_keys_are_typed(
+    browser: Browser, address: str
+) -> None:
+    with opened(browser, address) as page:
+        page.goto(f"{address}/failures?failure=not_placed")
+        [id, *_] = shown(page)
+        page.goto(f"{address}/episodes/{id}?failure=not_placed")
+        page.locator(".say summary").click()
+        page.locator(".say input").press_sequentially("pnpn")
+        page.locator(".say input").press("Enter")
+        expect(page.locator(".said .label")).to_have_text("pnpn")
+        assert f"/episodes/{id}" in page.url
+
+
 def test_selected_cards_are_labelled_at_once(browser: Browser, address: str) -> None:
     with opened(browser, address) as page:
         page.goto(f"{address}/failures?failure=undercount&task=search_drawer")

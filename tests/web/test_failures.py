@@ -108,6 +108,16 @@ def test_a_card_leads_to_an_episode_whose_neighbours_are_the_next_cards(
     )
 
 
+def test_an_episode_keeps_several_values_of_a_filter(client: TestClient, site: Site) -> None:
+    [id, *_] = site.episodes(site.completed, failure=Failure.OVERCOUNT)
+    query = "?failure=overcount&failure=undercount&labelled=false"
+    text = page(client, f"/episodes/{id}{query}")
+
+    assert text.count('type="hidden" name="failure"') == 2
+    assert "/failures?failure=overcount&failure=undercount&labelled=False#episodes" in links(text)
+    assert "Labels and notes" in text
+
+
 def test_hidden_values_and_variations_narrow_within_a_task(client: TestClient, site: Site) -> None:
     narrowed = f"/evaluations/{site.completed}/failures?task=push_button_times"
     found = counts(page(client, narrowed))
