@@ -6,7 +6,7 @@ from urllib.parse import quote
 from pydantic import BeforeValidator, ConfigDict, Field, ValidationInfo, field_validator
 
 from server.episode_order import Sort
-from server.matching import Wanted
+from server.wanted import Wanted
 from web.templating import query
 from web.wording import words
 
