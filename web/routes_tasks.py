@@ -4,7 +4,6 @@ from typing import Annotated
 
 from fastapi import Query, Request
 from fastapi.responses import HTMLResponse
-from fastapi.routing import iter_route_contexts
 from sqlalchemy.orm import Session
 
 from hide_tasks.contract import Category
@@ -48,7 +47,6 @@ def show_task(
         "pair": number,
         "chosen": task.aliases[number - 1] if number else None,
         "best": best(session, name),
-        "failures": any(one.path == "/failures" for one in iter_route_contexts(request.app.routes)),
     }
     return page(request, "task.html", shown)
 
