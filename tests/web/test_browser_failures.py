@@ -35,7 +35,7 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[str, st
     """An evaluation with a recorded episode, which has a preview, and its server."""
     app = sites.empty(tmp_path_factory.mktemp("recorded"))
     folder = tmp_path_factory.mktemp("recordings")
-    evaluation = sites._recorded(app.state.hub, folder)
+    evaluation = sites.recorded_run(app.state.hub, folder)
     with serving(app) as found:
         yield evaluation, found
 
