@@ -10,7 +10,7 @@ from sqlalchemy.orm import Session, defer, selectinload
 from hide_tasks import load
 from hide_tasks.contract import Category, Failure, Rules
 from server.episode_order import Sort, beyond, kinds, ordered, place
-from server.matching import Wanted, conditions
+from server.matching import conditions
 from server.models import Decision, Episode, HiddenChange, HiddenSpan
 from server.paging import after, page
 from server.problems import not_found
@@ -24,6 +24,7 @@ from server.schemas import (
     SpanPublic,
 )
 from server.states import EpisodeState
+from server.wanted import Wanted
 
 PARITY_BUDGET = 25  # decisions; hide_tasks.episode has it too, but brings the simulator along
 
@@ -88,7 +89,7 @@ def listed(
     cursor: str | None = None,
     **wanted: Any,
 ) -> Page[EpisodePublic]:
-    """Episodes that are wanted (`server.matching.Wanted`), in order.
+    """Episodes that are wanted (`server.wanted.Wanted`), in order.
 
     Raises:
         Problem: 422, the cursor is not ours.

@@ -14,9 +14,10 @@ from sqlalchemy.orm import Session
 
 from hide_tasks.contract import Category
 from server import labels
-from server.matching import Wanted, conditions, is_last, pair, pairs
+from server.matching import conditions, is_last
 from server.models import Episode, Evaluation, HiddenSpan, Policy, PolicyVersion
 from server.schemas import EpisodeFacets, FacetValue
+from server.wanted import Wanted, pair, pairs
 
 VERDICT = case(
     (Episode.exact.is_(True), "exact"),

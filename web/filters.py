@@ -6,7 +6,7 @@ from urllib.parse import quote
 from pydantic import BeforeValidator, ConfigDict, Field, ValidationInfo, field_validator
 
 from server.episode_order import Sort
-from server.matching import Wanted
+from server.wanted import Wanted
 from web.templating import query
 from web.wording import words
 
@@ -50,7 +50,7 @@ class Filters(Wanted):
     def inputs(self, **changed: object) -> list[tuple[str, str]]:
         """The same for a form: a hidden input each."""
         several = {k: v if isinstance(v, list) else [v] for k, v in self.fields(**changed).items()}
-        return [(name, str(value)) for name, values in several.items() for value in values if value]
+        return [(name, str(v)) for name, values in several.items() for v in values if v is not None]
 
     def of_episode(self) -> dict[str, Any]:
         """What stands in the address of an episode of the list: never nothing."""

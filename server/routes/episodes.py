@@ -17,7 +17,6 @@ from server.episode_order import Sort
 from server.files import File
 from server.growing import BrokenOff, Growing
 from server.hub import Hub
-from server.matching import Wanted, Within
 from server.problems import Problem, not_found
 from server.revalidation import FOR_EVER, Revalidate, Revalidation
 from server.schemas import (
@@ -31,6 +30,7 @@ from server.schemas import (
     SpanPublic,
 )
 from server.states import EpisodeState
+from server.wanted import Wanted, Within
 
 router = Router(tags=["episodes"])
 NEVER = {"Cache-Control": "no-store"}

@@ -10,9 +10,9 @@ from server.access import Router, Scope, needs
 from server.deps import Reading, TheHub
 from server.episode_order import Sort
 from server.exports import EpisodesFormat
-from server.matching import Wanted
 from server.routes.exports import file_of, of_formats
 from server.schemas import EpisodeFacets
+from server.wanted import Wanted
 
 router = Router(tags=["episodes"])
 

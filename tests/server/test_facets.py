@@ -11,10 +11,10 @@ from server import episodes, facets, labels
 from server.access import Principal, Role
 from server.blobs import Blobs
 from server.episode_order import Sort
-from server.matching import Wanted
 from server.problems import Problem
 from server.schemas import LabelCreate
 from server.users import register_owner
+from server.wanted import Wanted
 from tests.server import ledgers
 
 TASKS = ["push_button_times", "search_drawer"]

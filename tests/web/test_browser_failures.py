@@ -35,7 +35,7 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[str, st
     """An evaluation with a recorded episode, which has a preview, and its server."""
     app = sites.empty(tmp_path_factory.mktemp("recorded"))
     folder = tmp_path_factory.mktemp("recordings")
-    evaluation = sites._recorded(app.state.hub, folder)
+    evaluation = sites.recorded_run(app.state.hub, folder)
     with serving(app) as found:
         yield evaluation, found
 
@@ -135,6 +135,20 @@ def test_a_label_and_a_note_are_added_and_taken_back(browser: Browser, address: 
         expect(page.locator(".said li")).to_have_count(0)
         page.reload()
         expect(page.locator(".empty h2")).to_have_text("No episode matches")
+
+
+def test_an_episode_is_labelled_on_its_page_while_keys_are_typed(
+    browser: Browser, address: str
+) -> None:
+    with opened(browser, address) as page:
+        page.goto(f"{address}/failures?failure=not_placed")
+        [id, *_] = shown(page)
+        page.goto(f"{address}/episodes/{id}?failure=not_placed")
+        page.locator(".say summary").click()
+        page.locator(".say input").press_sequentially("pnpn")
+        page.locator(".say input").press("Enter")
+        expect(page.locator(".said .label")).to_have_text("pnpn")
+        assert f"/episodes/{id}" in page.url
 
 
 def test_selected_cards_are_labelled_at_once(browser: Browser, address: str) -> None:

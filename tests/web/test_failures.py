@@ -6,6 +6,7 @@ from html import unescape
 from pathlib import Path
 
 import pytest
+from sqlalchemy import func, select
 
 from hide_tasks.contract import Failure
 from server import labels
@@ -48,10 +49,8 @@ def total(text: str) -> int:
 
 def test_failures_of_all_evaluations_are_shown(client: TestClient, site: Site) -> None:
     text = page(client, "/failures")
-    whole = sum(
-        len([id for id in site.episodes(one) if id not in set(site.episodes(one, failure=None))])
-        for one in (site.completed, site.running, site.incomplete, site.cancelled)
-    )
+    with site.hub.database.reading() as session:
+        whole = session.scalar(select(func.count()).where(Episode.failure.is_not(None)))
 
     assert total(text) == whole
     assert len(shown(text)) == 30
@@ -106,6 +105,16 @@ def test_a_card_leads_to_an_episode_whose_neighbours_are_the_next_cards(
     assert "/failures?task=search_drawer&verdict=inexact&sort=task#episodes" in links(
         page(client, link)
     )
+
+
+def test_an_episode_keeps_several_values_of_a_filter(client: TestClient, site: Site) -> None:
+    [id, *_] = site.episodes(site.completed, failure=Failure.OVERCOUNT)
+    query = "?failure=overcount&failure=undercount&labelled=false"
+    text = page(client, f"/episodes/{id}{query}")
+
+    assert text.count('type="hidden" name="failure"') == 2
+    assert "/failures?failure=overcount&failure=undercount&labelled=False#episodes" in links(text)
+    assert "Labels and notes" in text
 
 
 def test_hidden_values_and_variations_narrow_within_a_task(client: TestClient, site: Site) -> None:
