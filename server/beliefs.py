@@ -7,11 +7,10 @@ stood at every decision. What is completed never changes, so what was counted of
 import threading
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
-from itertools import groupby, pairwise
-from math import inf
-from typing import Any, NamedTuple
+from itertools import pairwise
+from typing import NamedTuple
 
-from sqlalchemy import select
+from sqlalchemy import String, cast, select
 from sqlalchemy.orm import Session
 
 from hide_tasks.statistics import wilson
@@ -25,9 +24,9 @@ TRUE: Lane = ("stage", "stage")
 
 
 class Span(NamedTuple):
-    """A value from one decision to another."""
+    """A value from one decision to another, as JSON."""
 
-    value: Any
+    value: str
     first: int
     end: int  # the decision after its last one
 
@@ -85,7 +84,7 @@ def _spans(session: Session, evaluation: str, lane: Lane) -> dict[str, list[Span
     wanted = (
         select(
             HiddenSpan.episode_id,
-            HiddenSpan.value,
+            cast(HiddenSpan.value, String),  # its JSON as text is told apart without being read
             HiddenSpan.decision_from,
             HiddenSpan.decision_to,
         )
@@ -97,8 +96,8 @@ def _spans(session: Session, evaluation: str, lane: Lane) -> dict[str, list[Span
         .order_by(HiddenSpan.episode_id, HiddenSpan.number)
     )
     found: dict[str, list[Span]] = defaultdict(list)
-    for episode, *span in session.execute(wanted):
-        found[episode].append(Span(*span))
+    for episode, value, first, end in session.execute(wanted):
+        found[episode].append(Span(value, first, end))
     return found
 
 
@@ -111,17 +110,17 @@ def right(said: Iterable[Span], true: Iterable[Span]) -> int:
 def changed(true: Iterable[Span]) -> list[int]:
     """The decisions in which the truth changed; one that changes back within it did not."""
     first, *others = true
-    runs = groupby(others, key=lambda span: span.first)
-    stood = [(-1, first.value), *((at, list(spans)[-1].value) for at, spans in runs)]
-    return [at for (_, before), (at, now) in pairwise(stood) if now != before]
+    stood = {-1: first.value} | {span.first: span.value for span in others}
+    return [at for (_, before), (at, now) in pairwise(stood.items()) if now != before]
 
 
 def _agreeing(span: Span, changes: Sequence[int]) -> int:
-    if not isinstance(span.value, int) or not 0 <= span.value <= len(changes):
+    count = int(span.value)
+    if not 0 <= count <= len(changes):
         return 0
-    first = changes[span.value - 1] + 1 if span.value else 0
-    end = changes[span.value] + 1 if span.value < len(changes) else inf
-    return int(max(0, min(span.end, end) - max(span.first, first)))
+    first = changes[count - 1] + 1 if count else 0
+    end = changes[count] + 1 if count < len(changes) else span.end
+    return max(0, min(span.end, end) - max(span.first, first))
 
 
 def public(heard: Heard) -> BeliefPublic | None:

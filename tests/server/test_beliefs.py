@@ -113,7 +113,7 @@ def test_spans_agree_as_often_as_decisions_one_by_one(true: list[str], said: lis
 def _runs(values: Sequence, places: Sequence[int], end: int) -> list[Span]:
     firsts = [n for n in range(len(values)) if n == 0 or values[n] != values[n - 1]]
     ends = [*(places[n] for n in firsts[1:]), end]
-    return [Span(values[n], places[n], after) for n, after in zip(firsts, ends, strict=True)]
+    return [Span(str(values[n]), places[n], after) for n, after in zip(firsts, ends, strict=True)]
 
 
 def test_an_interval_is_wider_where_whole_episodes_are_right_or_wrong() -> None:
