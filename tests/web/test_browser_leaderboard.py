@@ -51,7 +51,7 @@ def test_policies_are_ticked_filtered_and_sorted_by_keyboard(
         assert "2 ticked" in compare.inner_text()
         page.get_by_role("button", name="Chart").press("Enter")
         page.wait_for_url("**view=bars**")
-        assert page.url == f"{address}/?policy=mine%401&policy=expert%401&view=bars"
+        assert page.url == f"{address}/?view=bars&policy=mine%401&policy=expert%401"
         assert page.get_by_role("img", name="Success in percent, all tasks").is_visible()
 
         page.goto(address)
