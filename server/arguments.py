@@ -74,6 +74,25 @@ def episode_count(episodes: int | None, split: "Split") -> int | None:
     return episodes
 
 
+def episode_indices(
+    indices: Iterable[int] | None, episodes: int | None, split: "Split"
+) -> tuple[int, ...]:
+    """The episodes that are named, each once, in order; none: they are counted instead.
+
+    Raises:
+        BadUsage: the split does not have one of them, or they are counted as well.
+    """
+    from hide_tasks.suite import SPLITS
+
+    named, most = sorted(set(indices or ())), SPLITS[split] - 1
+    if named and episodes is not None:
+        raise BadUsage("--index and --episodes exclude each other; give one of them.")
+    for index in named:
+        if not 0 <= index <= most:
+            raise BadUsage(f"--index {index}: {split} has none; give 0 to {most}.")
+    return tuple(named)
+
+
 def new_folder(policy: str) -> Path:
     """A folder under runs/ that is not there yet, named after the policy and the time."""
     from hide_tasks.suite import SUITE

@@ -15,7 +15,14 @@ import typer
 from typer import Argument, Option
 
 from server import client_commands, cluster_commands, data_commands, people_commands
-from server.arguments import BadUsage, chosen_tasks, episode_count, new_folder, settings_of
+from server.arguments import (
+    BadUsage,
+    chosen_tasks,
+    episode_count,
+    episode_indices,
+    new_folder,
+    settings_of,
+)
 
 BAD_USAGE = 2
 INTERRUPTED = 130  # as shells count: 128 and the signal's number
@@ -106,8 +113,9 @@ def evaluate(
         str,
         Argument(
             metavar="POLICY",
-            help="expert, amnesiac, random, noop; replay:DIR, the actions of another run; a "
-            "checkpoint, path/to/file.safetensors; your own class, python:module:Class or "
+            help="expert, amnesiac, random, noop; replay:DIR, the actions of another run, or "
+            "replay:FILE.json, those of an episode; a checkpoint, path/to/file.safetensors; your "
+            "own class, python:module:Class or "
             "python:path/to/file.py:Class; or a policy that is served, ws://host:port, "
             "http://host:port/act or tcp://host:port.",
         ),
@@ -117,6 +125,13 @@ def evaluate(
     split: Annotated[SplitName, Option(help="Which episodes.")] = SplitName.test,
     episodes: Annotated[
         int | None, Option(help="Per task, the first so many of the split; default: all.")
+    ] = None,
+    index: Annotated[
+        list[int] | None,
+        Option(
+            metavar="N",
+            help="Instead: this episode of each task, counted from 0; may be repeated.",
+        ),
     ] = None,
     workers: Workers = None,
     out: Annotated[
@@ -156,6 +171,7 @@ def evaluate(
         tasks=chosen_tasks(tasks, category),
         split=split.value,
         episodes=episode_count(episodes, split.value),
+        indices=episode_indices(index, episodes, split.value),
         rules=rules.value,
         recordings=recordings,
         policy_timeout=policy_timeout,

@@ -9,13 +9,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from sqlalchemy import select
+from sqlalchemy import Select, select
 from sqlalchemy.orm import Session, aliased
 
-from hide_tasks import load
+from hide_tasks import ALL_TASKS, load, suite
 from hide_tasks.contract import Category, Split
 from server import policies, statistics
-from server.models import Episode, Evaluation
+from server.models import Episode, Evaluation, PolicyVersion
 from server.problems import Problem, invalid
 from server.schemas import (
     Compared,
@@ -52,15 +52,15 @@ def compare(
     Raises:
         Problem: 409, they cannot be compared; it says why.
     """
-    _require_comparable(a, b)
+    require_comparable(a, b)
     pairs = _pairs(session, a, b, verdict)
     by_task: dict[str, list[Pair]] = defaultdict(list)
     for pair in pairs:
         by_task[pair.task].append(pair)
     tables = {task: _table(found) for task, found in by_task.items()}
     return Comparison(
-        a=_compared(a),
-        b=_compared(b),
+        a=compared(a),
+        b=compared(b),
         suite=f"{a.suite} {a.suite_version}",
         split=a.split,
         rules=a.rules,
@@ -76,7 +76,9 @@ def compare(
 
 
 def find(session: Session, field: str, text: str, split: Split) -> Evaluation:
-    """The evaluation of this id, or the latest completed one of a policy on a split.
+    """The evaluation of this id, or a policy's latest completed one on a split.
+
+    One of the whole split goes before a later part of it: a new checkpoint's trial, for one.
 
     Args:
         field: what to call it if it is wrong.
@@ -91,35 +93,54 @@ def find(session: Session, field: str, text: str, split: Split) -> Evaluation:
     except Problem as problem:
         message = f"is no evaluation, and {problem.errors[0]['message']}"
         raise invalid(field, message) from None
-    latest = (
-        select(Evaluation)
-        .where(
-            Evaluation.policy_version_id == version.id,
-            Evaluation.split == split,
-            Evaluation.rules == "hide",
-            Evaluation.state == EvaluationState.COMPLETED,
-        )
-        .order_by(Evaluation.id.desc())
-        .limit(1)
-    )
-    if found := session.scalar(latest):
-        return found
+    completed = _of_version(version).where(Evaluation.state == EvaluationState.COMPLETED)
+    here = session.scalars(completed.where(Evaluation.split == split)).all()
+    if here:
+        return max(here, key=lambda one: (is_whole(one), one.id))
+    raise invalid(field, _why_none(session, version, split))
+
+
+def is_whole(one: Evaluation) -> bool:
+    """True if it is of every episode of its split, in the version of the suite that is here."""
+    of_ours = (one.suite, one.suite_version) == (suite.SUITE, suite.VERSION)
+    whole = (one.split, one.episodes) in suite.SPLITS.items()
+    return of_ours and whole and set(one.tasks) == set(ALL_TASKS)
+
+
+def _of_version(version: PolicyVersion) -> Select[Evaluation]:
+    of_policy = Evaluation.policy_version_id == version.id
+    return select(Evaluation).where(of_policy, Evaluation.rules == "hide")
+
+
+def _why_none(session: Session, version: PolicyVersion, split: Split) -> str:
     name = f"{version.policy.name}@{version.number}"
-    raise invalid(field, f"{name} has no completed evaluation on {split}")
+    others = session.scalars(_of_version(version).order_by(Evaluation.id.desc()).limit(50)).all()
+    under_way = [one for one in others if one.split == split]
+    elsewhere = {one.split for one in others if one.state == EvaluationState.COMPLETED}
+    why = f"{name} has no completed evaluation on {split}"
+    if under_way:
+        why += f"; {under_way[0].id} is {under_way[0].state}"
+    return f"{why}; there is one on {' and '.join(sorted(elsewhere))}" if elsewhere else why
 
 
-def _require_comparable(a: Evaluation, b: Evaluation) -> None:
+def require_comparable(a: Evaluation, b: Evaluation) -> None:
+    """Does nothing if both are whole and played by the same rules on the same episodes.
+
+    Raises:
+        Problem: 409, they cannot be compared; it says why.
+    """
     for one in (a, b):
         if one.state != EvaluationState.COMPLETED:
-            raise _incomparable(f"{one.id} is {one.state}; only what is completed is compared")
+            raise incomparable(f"{one.id} is {one.state}; only what is completed is compared")
     for what in ("suite", "suite_version", "split", "rules"):
         first, second = getattr(a, what), getattr(b, what)
         if first != second:
             name = what.replace("_", " ")
-            raise _incomparable(f"the {name} of {a.id} is {first}, of {b.id} {second}")
+            raise incomparable(f"the {name} of {a.id} is {first}, of {b.id} {second}")
 
 
-def _incomparable(why: str) -> Problem:
+def incomparable(why: str) -> Problem:
+    """What is said of evaluations that cannot be compared."""
     return Problem(409, "not_comparable", f"These cannot be compared: {why}.")
 
 
@@ -134,10 +155,10 @@ def _pairs(session: Session, a: Evaluation, b: Evaluation, verdict: Verdict) -> 
     )
     pairs = [Pair(*row) for row in session.execute(wanted)]
     if not pairs:
-        raise _incomparable("they have no episode in common")
+        raise incomparable("they have no episode in common")
     for pair in pairs:
         if not pair.same_scene:
-            raise _incomparable(f"{pair.task} {pair.index} was another scene in each")
+            raise incomparable(f"{pair.task} {pair.index} was another scene in each")
     return pairs
 
 
@@ -151,7 +172,7 @@ def _table(pairs: Sequence[Pair]) -> Table:
 def _tasks(tables: dict[str, Table]) -> list[TaskComparison]:
     order = list(Category)
     rows: list[dict[str, Any]] = [
-        {"task": task, "category": load(task).category, **_paired(table)}
+        {"task": task, "category": load(task).category, **paired(table)}
         for task, table in tables.items()
     ]
     adjusted = statistics.holm([row["p"] for row in rows])
@@ -171,14 +192,15 @@ def _group(tables: Sequence[Table]) -> GroupComparison:
     """Several tasks together; each has as many episodes, so each weighs the same."""
     summed = Table(*(sum(column) for column in zip(*tables, strict=True)))
     return GroupComparison(
-        **_paired(summed),
+        **paired(summed),
         tasks=len(tables),
         over_episodes=statistics.over_episodes(tables),
         over_tasks=statistics.over_tasks(tables),
     )
 
 
-def _paired(table: Table) -> dict[str, Any]:
+def paired(table: Table) -> dict[str, Any]:
+    """The fields of `schemas.Paired`."""
     low, high = statistics.interval(table)
     return {
         "a": RatePublic.of(table.both + table.only_a, table.episodes),
@@ -192,7 +214,8 @@ def _paired(table: Table) -> dict[str, Any]:
     }
 
 
-def _compared(one: Evaluation) -> Compared:
+def compared(one: Evaluation) -> Compared:
+    """An evaluation as a side of a comparison."""
     version = one.policy_version
     return Compared(evaluation=one.id, policy=version.policy.name, version=version.number)
 

@@ -9,6 +9,7 @@ import importlib.util
 import sqlite3
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
+from functools import cache
 from pathlib import Path
 from time import monotonic
 from typing import Any
@@ -204,9 +205,11 @@ def revision_of(connection: sqlite3.Connection) -> str | None:
     return row and str(row[0])
 
 
-def known_revisions() -> list[str]:
+@cache  # every start asks three times, and each reads all migrations
+def known_revisions() -> tuple[str, ...]:
     """The revisions of the ledger that this version knows, newest first."""
-    return [one.revision for one in ScriptDirectory.from_config(migrations()).walk_revisions()]
+    found = ScriptDirectory.from_config(migrations()).walk_revisions()
+    return tuple(one.revision for one in found)
 
 
 def migrations(connection: Connection | None = None) -> Config:

@@ -4,21 +4,14 @@ import dataclasses
 from collections.abc import Iterable
 from typing import Any
 
-from sqlalchemy import Select, func, or_, select, tuple_
+from sqlalchemy import func, select, tuple_
 from sqlalchemy.orm import Session, defer, selectinload
 
 from hide_tasks import load
 from hide_tasks.contract import Category, Failure, Rules
-from server import labels
-from server.models import (
-    Decision,
-    Episode,
-    Evaluation,
-    HiddenChange,
-    HiddenSpan,
-    Policy,
-    PolicyVersion,
-)
+from server.episode_order import Sort, beyond, kinds, ordered, place
+from server.matching import Wanted, conditions
+from server.models import Decision, Episode, HiddenChange, HiddenSpan
 from server.paging import after, page
 from server.problems import not_found
 from server.schemas import (
@@ -60,7 +53,6 @@ def get(session: Session, id: str) -> EpisodeDetail:
         _fields(episode)
         | {
             "start": episode.start,
-            "budget": budget(episode),
             "checks": last if last is not None else start.get("checks", {}),
             "previous": _neighbour(session, episode, forwards=False),
             "next": _neighbour(session, episode, forwards=True),
@@ -91,42 +83,44 @@ def _neighbour(session: Session, episode: Episode, *, forwards: bool) -> str | N
 def listed(
     session: Session,
     *,
-    evaluation: str | None = None,
-    policy: str | None = None,
-    category: Category | None = None,
-    task: str | None = None,
-    failure: Failure | None = None,
-    success: bool | None = None,
-    exact: bool | None = None,
-    state: EpisodeState | None = None,
-    label: str | None = None,
+    sort: Sort = Sort.NEWEST,
     limit: int = 50,
     cursor: str | None = None,
+    **wanted: Any,
 ) -> Page[EpisodePublic]:
-    """Episodes, those of the newest evaluation first, by task and index.
+    """Episodes that are wanted (`server.matching.Wanted`), in order.
 
     Raises:
         Problem: 422, the cursor is not ours.
     """
-    filters = {
-        Episode.evaluation_id: evaluation,
-        Episode.category: category,
-        Episode.task: task,
-        Episode.failure: failure,
-        Episode.success: success,
-        Episode.exact: exact,
-        Episode.state: state,
-    }
-    wanted = select(Episode).where(*(c == v for c, v in filters.items() if v is not None))
     # Joined, each evaluation would come as often as it has episodes.
-    wanted = wanted.options(selectinload(Episode.evaluation), defer(Episode.start))
-    if label is not None:
-        wanted = wanted.where(labels.has(label))
-    if policy is not None:
-        played = select(Evaluation.id).join(PolicyVersion).join(Policy).where(Policy.name == policy)
-        wanted = wanted.where(Episode.evaluation_id.in_(played))
-    rows = session.scalars(_from(wanted, cursor).limit(limit + 1)).all()
-    return page(rows, limit, lambda one: [one.evaluation_id, one.task, one.index], public)
+    whole = selectinload(Episode.evaluation), defer(Episode.start)
+    found = select(Episode).options(*whole).where(*conditions(Wanted(**wanted)))
+    if at := after(cursor, kinds(sort)):
+        found = found.where(beyond(sort, at))
+    rows = session.scalars(found.order_by(*ordered(sort)).limit(limit + 1)).all()
+    return page(rows, limit, lambda one: place(one, sort), public)
+
+
+def beside(
+    session: Session, id: str, *, sort: Sort = Sort.NEWEST, **wanted: Any
+) -> tuple[str | None, str | None] | None:
+    """The episodes before and after this one among those that are wanted; None if it is not.
+
+    Raises:
+        Problem: 404, there is no such episode.
+    """
+    found = select(Episode.id).where(*conditions(Wanted(**wanted)))
+    at = place(row(session, id), sort)
+    if session.scalar(found.where(Episode.id == id)) is None:
+        return None
+    before, next_ = (
+        session.scalar(
+            found.where(beyond(sort, at, back=back)).order_by(*ordered(sort, back=back)).limit(1)
+        )
+        for back in (True, False)
+    )
+    return before, next_
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -153,16 +147,6 @@ def cells(session: Session, evaluation: str) -> list[Cell]:
             of_it.order_by(Episode.task, Episode.index)
         )
     ]
-
-
-def _from(wanted: Select[Episode], cursor: str | None) -> Select[Episode]:
-    wanted = wanted.order_by(Episode.evaluation_id.desc(), Episode.task, Episode.index)
-    if place := after(cursor, [str, str, int]):
-        evaluation, task, index = place
-        further = tuple_(Episode.task, Episode.index) > tuple_(task, index)
-        same = (Episode.evaluation_id == evaluation) & further
-        wanted = wanted.where(or_(Episode.evaluation_id < evaluation, same))
-    return wanted
 
 
 def decisions(session: Session, id: str) -> list[DecisionPublic]:
@@ -227,12 +211,12 @@ def changes(session: Session, id: str) -> list[ChangePublic]:
     ]
 
 
-def failure_groups(session: Session, *, evaluation: str) -> list[FailureGroup]:
-    """How many episodes of an evaluation failed in which way, most frequent first."""
+def failure_groups(session: Session, **wanted: Any) -> list[FailureGroup]:
+    """How many of the episodes that are wanted failed in which way, most frequent first."""
     count = func.count()
     found = session.execute(
         select(Episode.category, Episode.task, Episode.failure, count)
-        .where(Episode.evaluation_id == evaluation, Episode.failure.is_not(None))
+        .where(*conditions(Wanted(**wanted)), Episode.failure.is_not(None))
         .group_by(Episode.category, Episode.task, Episode.failure)
         .order_by(count.desc(), Episode.task, Episode.failure)
     )
@@ -250,13 +234,16 @@ def public(episode: Episode) -> EpisodePublic:
 
 
 def _fields(episode: Episode) -> dict[str, Any]:
-    own = {"evaluation", "policy", "recording", "recording_removed", "thumbnail", "preview", "live"}
+    own = {"evaluation", "policy", "version", "budget", "recording", "recording_removed", "live"}
+    own |= {"thumbnail", "preview"}
     fields = {n: getattr(episode, n) for n in EpisodePublic.model_fields if n not in own}
     path = f"/api/v1/episodes/{episode.id}"
     live = episode.state == EpisodeState.RUNNING and episode.evaluation.recordings
     return fields | {
         "evaluation": episode.evaluation_id,
         "policy": episode.evaluation.policy_version.policy.name,
+        "version": episode.evaluation.policy_version.number,
+        "budget": budget(episode),
         "recording": f"{path}/recording.rrd" if _is_kept(episode) or live else None,
         "recording_removed": episode.removal and episode.removal.time,
         "live": live,

@@ -13,6 +13,7 @@ from hide_tasks import ALL_TASKS, UnknownTask, load, suite
 from hide_tasks.contract import EpisodeSpec
 from hide_tasks.sources import sources_hash
 from server import idempotency, lifecycle, policies, suites
+from server.access import Principal, Scope
 from server.models import Attempt, Episode, Evaluation, Event, Policy, PolicyVersion, Shard
 from server.paging import after, page
 from server.problems import invalid, not_found
@@ -75,9 +76,7 @@ def create(
         known = select(Evaluation).where(Evaluation.idempotency_key == idempotency_key)
         if there := session.scalar(known):
             return _same(there, digest)
-    version = policies.find(session, wanted.policy)
-    specs = _specs(wanted)
-    _check_replay(session, version, specs)
+    version, specs = planned(session, wanted)
     return lifecycle.create(
         session,
         version,
@@ -90,6 +89,31 @@ def create(
         request_digest=digest,
         owner_id=owner,
     )
+
+
+def planned(session: Session, wanted: EvaluationCreate) -> tuple[PolicyVersion, list[EpisodeSpec]]:
+    """Which version would play which episodes.
+
+    Args:
+        wanted: with its suite's tasks written out.
+
+    Raises:
+        Problem: 422, no such policy, task or number of episodes.
+    """
+    version = policies.find(session, wanted.policy)
+    specs = _specs(wanted)
+    _check_replay(session, version, specs)
+    return version, specs
+
+
+def require_priority(principal: Principal, priority: int) -> None:
+    """Does nothing if whoever asks may have evaluations of this priority.
+
+    Raises:
+        Problem: 422, it is for maintainers.
+    """
+    if priority > 0 and not principal.may(Scope.MAINTAIN):
+        raise invalid("priority", "is above 0, which is for maintainers")
 
 
 def _same(evaluation: Evaluation, digest: str) -> Evaluation:

@@ -59,6 +59,13 @@ class EvaluationFormat(StrEnum):
     ZIP = "zip"  # all of these
 
 
+class EpisodesFormat(StrEnum):
+    """How episodes of a filter are given out."""
+
+    CSV = "csv"
+    JSONL = "jsonl"
+
+
 MEDIA_TYPES = {
     "json": "application/json",
     "csv": "text/csv; charset=utf-8",
@@ -99,16 +106,8 @@ class Exported:
         makers = zip(names, self._makers().values(), strict=True)
         return {f"{folder}/{name}": make for name, make in makers}
 
-    def _pages(self, state: EpisodeState | None = None) -> Iterator[list[EpisodePublic]]:
-        cursor = None
-        while True:
-            with self.database.reading() as session:
-                page = episodes.listed(
-                    session, evaluation=self.evaluation.id, state=state, limit=MOST, cursor=cursor
-                )
-            yield page.items
-            if (cursor := page.next) is None:
-                return
+    def _pages(self, **wanted: Any) -> Iterator[list[EpisodePublic]]:
+        return pages_of(self.database, evaluation=self.evaluation.id, **wanted)
 
     def _tasks(self) -> dict[str, Verdicts]:
         with self.database.reading() as session:
@@ -128,14 +127,10 @@ class Exported:
         yield b"\n]}\n"
 
     def _csv(self) -> Iterator[bytes]:
-        yield line_of(EPISODE_COLUMNS)
-        for page in self._pages():
-            for one in page:
-                document = one.model_dump(mode="json")
-                yield line_of(document[name] for name in EPISODE_COLUMNS)
+        return _episodes_csv(self._pages())
 
     def _jsonl(self) -> Iterator[bytes]:
-        for page in self._pages(EpisodeState.FINAL):
+        for page in self._pages(state=EpisodeState.FINAL):
             for one in page:
                 with self.database.reading() as session:
                     found = episodes.get(session, one.id).model_dump(mode="json")
@@ -152,6 +147,36 @@ class Exported:
         )
         name = f"{one.policy}@{one.version}"
         yield latex.of_evaluation(name, self._tasks(), self.verdict, remarks).encode()
+
+
+# --- episodes of a filter ---
+
+
+def pages_of(database: Database, **wanted: Any) -> Iterator[list[EpisodePublic]]:
+    """The episodes that are wanted, page after page; no session stays open between them."""
+    cursor = None
+    while True:
+        with database.reading() as session:
+            page = episodes.listed(session, limit=MOST, cursor=cursor, **wanted)
+        yield page.items
+        if (cursor := page.next) is None:
+            return
+
+
+def of_episodes(database: Database, format: EpisodesFormat, **wanted: Any) -> Iterator[bytes]:
+    """The episodes that are wanted, a line each."""
+    pages = pages_of(database, **wanted)
+    if format is EpisodesFormat.CSV:
+        return _episodes_csv(pages)
+    return (one.model_dump_json().encode() + b"\n" for page in pages for one in page)
+
+
+def _episodes_csv(pages: Iterable[list[EpisodePublic]]) -> Iterator[bytes]:
+    yield line_of(EPISODE_COLUMNS)
+    for page in pages:
+        for one in page:
+            document = one.model_dump(mode="json")
+            yield line_of(document[name] for name in EPISODE_COLUMNS)
 
 
 # --- files ---

@@ -75,18 +75,29 @@ def withdraw(session: Session, id: str, principal: Principal) -> LabelPublic:
 
 def of_episode(session: Session, episode: str) -> list[LabelPublic]:
     """What was said of an episode, in order, what was taken back as well."""
-    found = select(EpisodeLabel).where(EpisodeLabel.episode_id == episode)
+    return of_episodes(session, [episode])[episode]
+
+
+def of_episodes(session: Session, episodes: Sequence[str]) -> dict[str, list[LabelPublic]]:
+    """What was said of each episode, in order, what was taken back as well."""
+    found = select(EpisodeLabel).where(EpisodeLabel.episode_id.in_(episodes))
     rows: Sequence[EpisodeLabel] = session.scalars(found.order_by(EpisodeLabel.id)).all()
     withdrawals = {row.withdraws: row for row in rows if row.withdraws}
-    return [_public(row, withdrawals.get(row.id)) for row in rows if not row.withdraws]
+    said: dict[str, list[LabelPublic]] = {id: [] for id in episodes}
+    for row in rows:
+        if not row.withdraws:
+            said[row.episode_id].append(_public(row, withdrawals.get(row.id)))
+    return said
 
 
-def counted(session: Session) -> list[LabelCount]:
-    """The labels that stand, the most frequent first."""
+def counted(session: Session, *episodes: ColumnElement[bool]) -> list[LabelCount]:
+    """The labels that stand, on all episodes or some, the most frequent first."""
     number = func.count(EpisodeLabel.episode_id.distinct())
+    counts = select(EpisodeLabel.label, number)
+    if episodes:
+        counts = counts.join(Episode, Episode.id == EpisodeLabel.episode_id).where(*episodes)
     found = session.execute(
-        select(EpisodeLabel.label, number)
-        .where(EpisodeLabel.label.is_not(None), _stands())
+        counts.where(EpisodeLabel.label.is_not(None), _stands())
         .group_by(EpisodeLabel.label)
         .order_by(number.desc(), EpisodeLabel.label)
     )
@@ -101,6 +112,18 @@ def has(label: str) -> ColumnElement[bool]:
         .correlate(Episode)
         .exists()
     )
+
+
+def any_stands() -> ColumnElement[bool]:
+    """True for episodes on which a label or a note stands."""
+    stands = EpisodeLabel.withdraws.is_(None) & _stands()
+    return Episode.id.in_(select(EpisodeLabel.episode_id).where(stands))
+
+
+def noted(word: str) -> ColumnElement[bool]:
+    """True for episodes with a word in a note that stands."""
+    says = EpisodeLabel.note.icontains(word, autoescape=True) & _stands()
+    return Episode.id.in_(select(EpisodeLabel.episode_id).where(says))
 
 
 def _stands() -> ColumnElement[bool]:

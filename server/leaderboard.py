@@ -17,7 +17,7 @@ from sqlalchemy.orm import Session
 
 from hide_tasks import load, suite
 from hide_tasks.contract import Category, Split
-from server import beliefs, facts, outcomes, ranks, tasks
+from server import belief_scores, facts, outcomes, ranks, tasks
 from server.evaluations import Counts, verdicts
 from server.models import Evaluation
 from server.normalised import counting, normalised
@@ -84,7 +84,7 @@ def compute(
     """The leaderboard anew, from outcomes that are kept or, with another reader, from the rows."""
     shown, others = _latest(session, split, of)
     played = read(session, [one.id for one in shown])
-    said = beliefs.told(session, [one.id for one in shown])
+    said = belief_scores.told(session, [one.id for one in shown])
     measure = partial(normalised, ceilings=counting(columns(of), verdict), verdict=verdict)
     rows = [_row(one, _counted(played[one.id]), said[one.id], measure) for one in shown]
     rows.sort(key=lambda row: (row.reference, -(getattr(row.overall, verdict).value or 0.0)))

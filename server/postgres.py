@@ -6,6 +6,7 @@ nobody. What PostgreSQL says otherwise than SQLite is made alike here.
 """
 
 import contextlib
+from collections.abc import Sequence
 from typing import Any
 
 from sqlalchemy import URL, Connection, Engine, create_engine, event, inspect, make_url, text
@@ -82,7 +83,7 @@ def _prepare(connection: Any, _: object) -> None:
     connection.adapters.register_loader("numeric", Number)
 
 
-def examine(engine: Engine, known: list[str]) -> None:
+def examine(engine: Engine, known: Sequence[str]) -> None:
     """Looks whether the database holds a ledger that this version can use, or nothing.
 
     Args:

@@ -82,6 +82,8 @@ def of_validation(errors: Sequence[Mapping[str, Any]]) -> Problem:
 
 
 def _field(location: Sequence[str | int]) -> str:
+    if location[:1] == ("query",) and isinstance(location[-1], int):
+        location = location[:-1]  # which of several values it was says nothing
     inside = [str(part) for part in location] or ["body"]
     return ".".join(inside[1:] if inside[0] in ("body", "query", "path", "header") else inside) or (
         inside[0] if inside else "body"

@@ -4,6 +4,7 @@ Nothing is counted up: what was used is asked of the ledger, so it cannot drift.
 that infrastructure left incomplete, or that was cancelled before it began, is given back.
 """
 
+from collections.abc import Iterable
 from datetime import datetime, timedelta
 
 from sqlalchemy import ColumnElement, Select, and_, func, select
@@ -132,6 +133,12 @@ def _scored(session: Session, owner: str) -> list[datetime]:
     )
     found = session.execute(wanted.add_columns(Evaluation.tasks))
     return [created for created, tasks in found if set(tasks) == set(ALL_TASKS)]
+
+
+def is_scored(split: str, tasks: Iterable[str], episodes: int) -> bool:
+    """True if so many episodes together count among the scored evaluations."""
+    whole = len(ALL_TASKS) * suite.SPLITS[SCORED_SPLIT]
+    return split == SCORED_SPLIT and set(tasks) == set(ALL_TASKS) and episodes == whole
 
 
 def owns(session: Session, owner: str, sha256: str) -> bool:

@@ -32,7 +32,9 @@ from server.states import (
     WebhookEvent,
 )
 from workers.preflight import Check
-from workers.protocol import NamedPolicy, PolicySpec
+from workers.protocol import NamedPolicy, PolicySpec, RemotePolicy
+from workers.remote.target import About
+from workers.remote.trial import Step
 from workers.sandbox.choice import Sandbox
 
 Item = TypeVar("Item")
@@ -115,6 +117,20 @@ class PolicyFacts(BaseModel):
     preset: str = ""  # the name of a checkpoint's configuration
 
 
+class ConnectionCreate(_Given):
+    """A policy's server to be tried; nothing is registered."""
+
+    spec: RemotePolicy
+
+
+class ConnectionPublic(BaseModel):
+    """What a policy's server answered."""
+
+    fits: bool  # it can be registered; a decision that failed does not hinder that
+    about: About | None  # null: it was not reached
+    steps: list[Step]  # what was tried, in order; the last may have failed
+
+
 class PolicyVersionPublic(BaseModel):
     """One version of a policy; it never changes."""
 
@@ -168,6 +184,14 @@ class EvaluationCreate(_Given):
     rules: Rules = "hide"
     priority: Annotated[int, Field(ge=-100, le=100, strict=True)] = 0  # higher goes first
     recordings: StrictBool = True
+
+
+class EstimateQuery(EvaluationCreate):
+    """An evaluation as a query asks for it, where everything is text."""
+
+    episodes: Annotated[int, Field(ge=1)] | None = None
+    priority: Annotated[int, Field(ge=-100, le=100)] = 0
+    recordings: bool = True
 
 
 class Matrix(_Given):
@@ -230,6 +254,28 @@ class EvaluationPublic(BaseModel):
     last_event: int  # the events after this number are not in here yet
 
 
+class EstimatePublic(BaseModel):
+    """What an evaluation would cost, and what goes before it; nothing was registered."""
+
+    policy: str
+    version: int
+    tasks: list[str]
+    episodes: int  # of all tasks
+    shards: int
+    covers: Covers
+    ranked: bool  # it would enter the leaderboard once it is completed
+    workers: int  # shards that are played for it at a time
+    per_minute: float | None  # episodes; null: there are no workers
+    seconds: float | None  # to play it, once it is begun
+    basis: Literal["policy", "kind", "others", "assumed"]  # the weakest of what its pace is from
+    basis_detail: str  # the same in a sentence
+    evaluations_before: int  # that wait with its priority or a higher one
+    shards_before: int
+    seconds_before: float | None  # by which those before it, and beside it, make it later
+    quotas: "Quotas"
+    refused: str | None  # why it would be refused: a quota is used up
+
+
 class BatchItem(BaseModel):
     """What became of one item of a batch."""
 
@@ -267,6 +313,72 @@ class AttemptPublic(BaseModel):
     ended: datetime | None
 
 
+Outcome = Literal["exact", "success", "failed", "running", "lost"]
+Activity = Literal["queued", "starting", "playing", "lost", "waiting", "stopped", "incomplete"]
+
+
+class LaneSpan(BaseModel):
+    """An episode as it was played once."""
+
+    episode: str
+    task: str
+    index: int
+    start: datetime
+    end: datetime | None  # null: it is played now
+    outcome: Outcome  # lost: that try was; another played it again
+
+
+class Lane(BaseModel):
+    """What was played one after the other, while other lanes went beside it."""
+
+    number: int  # from 1
+    spans: list[LaneSpan]
+
+
+class Phase(BaseModel):
+    """What an evaluation's time was spent on."""
+
+    activity: Activity
+    start: datetime
+    end: datetime
+    detail: str  # why nobody played
+
+
+class HistoryPublic(BaseModel):
+    """How an evaluation went in wall time."""
+
+    start: datetime  # when it was asked for
+    end: datetime  # now, while it runs
+    running: bool
+    lanes: list[Lane]
+    phases: list[Phase]  # without gaps of a second or more
+    seconds: dict[Activity, float]  # of each
+
+
+class LogLine(BaseModel):
+    """Something that happened to an evaluation, in words."""
+
+    seq: int
+    time: datetime
+    level: str  # "", note, good or bad
+    text: str
+    episode: str | None
+
+
+class WorkersLog(BaseModel):
+    """What workers printed."""
+
+    lines: list[str]  # the newest last
+
+
+class PublicationPublic(BaseModel):
+    """Whether an evaluation may be published, and where it was."""
+
+    publishable: bool
+    reason: str | None  # why not
+    snapshots: list["SnapshotPublic"]  # leaderboards that were kept with it in them
+
+
 # --- episodes ---
 
 
@@ -276,6 +388,7 @@ class EpisodePublic(BaseModel):
     id: str
     evaluation: str
     policy: str
+    version: int
     task: str
     category: Category
     split: Split
@@ -289,6 +402,7 @@ class EpisodePublic(BaseModel):
     failure: Failure | None  # null only if exact, or not final
     detail: str
     decisions: int | None
+    budget: int  # decisions that it may take
     stage: str | None  # what the world called for at the end
     scene_hash: str | None
     final_state_hash: str | None
@@ -306,7 +420,6 @@ class EpisodeDetail(EpisodePublic):
     """One episode with what a reader wants beside it."""
 
     start: Start | None  # what was true before the first decision
-    budget: int  # decisions
     checks: dict[str, bool]  # at the end
     previous: str | None  # id of the neighbour in the same evaluation
     next: str | None
@@ -337,6 +450,34 @@ class ChangePublic(BaseModel):
     hidden: HiddenState
 
 
+class BeliefCheck(BaseModel):
+    """How many stages a policy held to be done at a decision, and how many were."""
+
+    decision: int
+    believed: int
+    true: list[int]  # each would be right; empty: no expert comes here
+    right: bool | None  # null: nothing is known to be true
+
+
+class BeliefsPublic(BaseModel):
+    """What the policy of an episode believed, against the truth."""
+
+    stated: int  # decisions at which it said how many stages it held to be done
+    checked: int  # of these, those at which the truth is known
+    right: int  # of these
+    decisions: list[BeliefCheck]
+
+
+class RerunPublic(BaseModel):
+    """How to play an episode again on one's own machine, and what must come of it."""
+
+    command: str  # with its own policy
+    notes: list[str]  # what that needs and not every machine has
+    replay: str  # with its actions alone, once they are downloaded
+    scene_hash: str | None  # the same everywhere
+    final_state_hash: str | None  # the same on a machine of the same kind
+
+
 class FailureGroup(BaseModel):
     """How many episodes failed in one way."""
 
@@ -344,6 +485,20 @@ class FailureGroup(BaseModel):
     task: str
     failure: Failure
     episodes: int
+
+
+class FacetValue(BaseModel):
+    """A value that episodes have, and how many of them."""
+
+    value: str  # as a filter says it: "overcount", "count=3"
+    episodes: int
+
+
+class EpisodeFacets(BaseModel):
+    """What the episodes of a filter differ in; counts respect the filters of other fields."""
+
+    episodes: int  # that the filter finds
+    facets: dict[str, list[FacetValue]]  # by field; hidden values and variations of one task alone
 
 
 class DivergencePublic(BaseModel):
@@ -519,8 +674,8 @@ class LeaderboardColumn(BaseModel):
 
 
 class BeliefPublic(BaseModel):
-    """Before how many decisions the `stage_count` that a policy states is the number of times that
-    what the task calls for had changed; over the episodes in which it states one.
+    """At how many decisions the `stage_count` that a policy states is right, of those at which the
+    truth is known: where the expert comes too.
     """
 
     right: int

@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import bdtr
+from scipy.special import bdtr, stdtrit
 
 from hide_tasks.statistics import wilson
 
@@ -65,6 +65,30 @@ def mcnemar(only_a: int | Ints, only_b: int | Ints, *, exact: bool = False) -> F
     return found
 
 
+def sign_flip(differences: Ints) -> float:
+    """Two-sided mid-p-value that the episodes' differences are as often for as against.
+
+    Args:
+        differences: one per episode, whole numbers on any one scale; from several versions of a
+            policy, those of the sums of their outcomes.
+
+    The exact distribution of the sum when every sign is a coin's; for differences of one it is
+    McNemar's test.
+    """
+    moved = np.abs(differences[differences != 0])
+    if not len(moved):
+        return 1.0
+    unit = int(np.gcd.reduce(moved))
+    sizes, counts = np.unique(moved // unit, return_counts=True)
+    most = int(sizes @ counts)
+    turns = 2 * np.pi * np.arange(2 * most + 1) / (2 * most + 1)
+    waves = np.prod(np.cos(np.outer(turns, sizes)) ** counts, axis=1)
+    chances = np.maximum(np.fft.fft(waves).real / len(turns), 0.0)  # of the sums 0, 1, … most
+    reached = abs(int(differences.sum())) // unit
+    beyond, here = 2 * chances[reached + 1 : most + 1].sum(), chances[reached]
+    return float(min(1.0, beyond + (here if reached else here / 2)))
+
+
 def interval(table: Table) -> tuple[float, float]:
     """95 % interval of the difference of two success rates on the same episodes.
 
@@ -77,10 +101,40 @@ def interval(table: Table) -> tuple[float, float]:
     if n == 0:
         return -1.0, 1.0
     a, b = table.both + table.only_a, table.both + table.only_b
-    (low_a, high_a), (low_b, high_b) = wilson(a, n), wilson(b, n)
-    rate_a, rate_b, phi = a / n, b / n, _phi(table)
+    return _of_pair(a, b, n, _phi(table))
+
+
+def interval_of_means(a: Ints, b: Ints) -> tuple[float, float]:
+    """95 % interval of the difference of two mean success rates on the same episodes.
+
+    Args:
+        a, b: versions of a policy × episodes, 0 or 1.
+
+    As `interval`, and the same for one version each: another version of a policy is no other
+    episode. For several, the correlation is that of the episodes' means.
+    """
+    if len(a) == len(b) == 1:
+        one, other = a[0] > 0, b[0] > 0
+        counts = (one & other, one & ~other, ~one & other, ~one & ~other)
+        return interval(Table(*(int(cell.sum()) for cell in counts)))
+    means = a.mean(axis=0), b.mean(axis=0)
+    told = all(np.ptp(one) > 0 for one in means)
+    phi = max(0.0, float(np.corrcoef(*means)[0, 1])) if told else 0.0
+    return _of_pair(float(means[0].sum()), float(means[1].sum()), a.shape[1], phi)
+
+
+def of_shares(successes: float, episodes: int) -> tuple[float, float]:
+    """Wilson's 95 % interval where an episode may be a success in part: by some versions of all.
+
+    It is that of as many episodes, so it is never too narrow.
+    """
+    return wilson(min(successes, episodes), episodes)  # type: ignore[arg-type] # any number does
+
+
+def _of_pair(a: float, b: float, n: int, phi: float) -> tuple[float, float]:
+    (low_a, high_a), (low_b, high_b) = of_shares(a, n), of_shares(b, n)
+    rate_a, rate_b, difference = a / n, b / n, (a - b) / n
     down, up = (rate_a - low_a, high_b - rate_b), (high_a - rate_a, rate_b - low_b)
-    difference = table.difference
     low = difference - sqrt(down[0] ** 2 - 2 * phi * down[0] * down[1] + down[1] ** 2)
     high = difference + sqrt(up[0] ** 2 - 2 * phi * up[0] * up[1] + up[1] ** 2)
     return max(-1.0, low), min(1.0, high)
@@ -146,6 +200,16 @@ def _differences(drawn: Ints) -> Floats:
 def _percentiles(drawn: Floats) -> tuple[float, float]:
     low, high = np.quantile(drawn, [LEVEL / 2, 1 - LEVEL / 2])
     return float(low), float(high)
+
+
+def of_mean(values: Sequence[float]) -> tuple[float, float] | None:
+    """95 % interval of a mean, by Student's t; None for fewer than two values."""
+    count = len(values)
+    if count < 2:
+        return None
+    mean, spread = float(np.mean(values)), float(np.std(values, ddof=1))
+    half = float(stdtrit(count - 1, 1 - LEVEL / 2)) * spread / sqrt(count)
+    return mean - half, mean + half
 
 
 def holm(values: Sequence[float] | Floats) -> Floats:

@@ -57,8 +57,13 @@ def smoke_tasks() -> tuple[str, ...]:
 
 def covers(evaluation: Evaluation) -> Covers:
     """The suite that an evaluation plays the whole of; "part" if it is none."""
-    played = set(evaluation.tasks)
-    if evaluation.episodes == suite.SPLITS.get(evaluation.split):  # type: ignore[call-overload]
+    return covering(evaluation.split, evaluation.tasks, evaluation.episodes)
+
+
+def covering(split: str, tasks: Iterable[str], episodes: int) -> Covers:
+    """The same, of so many episodes of each of some tasks."""
+    played = set(tasks)
+    if episodes == suite.SPLITS.get(split):  # type: ignore[call-overload]
         named: Iterable[tuple[Covers, list[str]]] = [
             ("full", list(ALL_TASKS)),
             ("RC", _by_category()["RC"]),
@@ -66,5 +71,5 @@ def covers(evaluation: Evaluation) -> Covers:
             ("EPT", _by_category()["EPT"]),
         ]
         return next((name for name, tasks in named if played == set(tasks)), "part")
-    whole = evaluation.episodes == 1 and played == set(smoke_tasks())
+    whole = episodes == 1 and played == set(smoke_tasks())
     return "smoke" if whole else "part"

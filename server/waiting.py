@@ -25,7 +25,7 @@ class Waiting(NamedTuple):
 
 def queue(session: Session, hub: Hub, *, limit: int = 50) -> Queue:
     """Evaluations of which shards wait, in the order in which their next ones are handed out."""
-    found = _waiting(session)
+    found = evaluations(session)
     busy, stopped = _busy_servers(session), _stopped(hub)
     before = [0, *accumulate(one.pending for one in found)]
     items = [
@@ -41,8 +41,8 @@ def place(session: Session, hub: Hub, evaluation: str) -> QueueItem | None:
     return next((item for item in items if item.evaluation == evaluation), None)
 
 
-def _waiting(session: Session) -> list[Waiting]:
-    """In the order of `lifecycle.next_shard`."""
+def evaluations(session: Session) -> list[Waiting]:
+    """Those of which shards wait, in the order of `lifecycle.next_shard`."""
 
     def count(state: ShardState) -> ColumnElement[int]:
         return func.sum(cast(Shard.state == state, Integer))
@@ -113,7 +113,8 @@ def _reason(busy: dict[str, int], one: Waiting, before: int) -> Why:
     spec = one.evaluation.policy_version.spec
     playing = busy.get(str(spec.get("url")), 0)
     if spec.get("url") and playing >= (spec.get("concurrency") or 1):
-        return QueueReason.POLICY_BUSY, f"Its policy's server plays {playing} shards, its most."
+        plays = "1 shard" if playing == 1 else f"{playing} shards"
+        return QueueReason.POLICY_BUSY, f"Its policy's server plays {plays}, its most."
     if before:
         return QueueReason.OTHERS_FIRST, f"{_counted(before, 'shard')} handed out before."
     return QueueReason.WORKERS_BUSY, "It is next, as soon as a worker is free."

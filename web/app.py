@@ -12,15 +12,20 @@ from starlette.types import Scope
 import server.app
 from server.settings import Settings
 from web import (
+    routes_ablations,
     routes_account,
     routes_batches,
     routes_comparisons,
+    routes_demo,
     routes_episodes,
+    routes_evaluation,
     routes_evaluations,
+    routes_failures,
     routes_leaderboard,
     routes_people,
     routes_policies,
     routes_snapshots,
+    routes_submit,
     routes_tasks,
     routes_viewer,
     routes_webhooks,
@@ -32,9 +37,14 @@ from web.viewer_assets import ViewerAssets
 
 ROUTES = (
     routes_leaderboard,
+    routes_demo,
     routes_snapshots,
     routes_comparisons,
+    routes_ablations,
+    routes_submit,
     routes_evaluations,
+    routes_evaluation,
+    routes_failures,
     routes_batches,
     routes_policies,
     routes_episodes,

@@ -2,7 +2,7 @@
 
 from markupsafe import Markup, escape
 
-from server.schemas import Progress, RatePublic, Verdicts
+from server.schemas import DivergencePublic, EpisodePublic, Progress, RatePublic, Verdicts
 
 
 def element(name: str, *children: str | Markup, **attributes: object) -> Markup:
@@ -59,3 +59,14 @@ def _share(value: float) -> str:
 
 def _text(value: object) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def budget_bar(episode: EpisodePublic, parts: DivergencePublic | None) -> Markup:
+    """Decisions used of the budget, and a tick where the episode parts from another run."""
+    marks = [element("rect", class_="track", width="100%", height="100%")]
+    used = min((episode.decisions or 0) / episode.budget, 1.0)
+    marks.append(element("rect", class_="bar", width=_share(used), height="100%"))
+    if parts and parts.decision is not None:
+        at = _share(min(parts.decision / episode.budget, 1.0))
+        marks.append(element("line", class_="parts", x1=at, x2=at, y1=-2, y2=8))
+    return element("svg", *marks, class_="budget-bar", height=6, aria_hidden="true")

@@ -10,6 +10,7 @@ from starlette.exceptions import HTTPException
 from starlette.responses import RedirectResponse, Response
 
 from server.problems import Problem, of_exception
+from web.advice import advice
 from web.templating import page, query
 
 FOR_PROGRAMS = ("/api/", "/internal/", "/metrics", "/static/", "/viewer/")
@@ -39,4 +40,5 @@ def error_page(request: Request, error: Exception) -> Response:
         asked = f"{request.url.path}?{request.url.query}".rstrip("?")
         return RedirectResponse(f"/login{query(next=asked)}", 303)
     headers = getattr(error, "headers", None)
-    return page(request, "error.html", {"problem": problem}, status=problem.status, headers=headers)
+    shown = {"problem": problem, "advice": advice(request, problem)}
+    return page(request, "error.html", shown, status=problem.status, headers=headers)

@@ -1,23 +1,33 @@
-"""Two policies on the same episodes."""
+"""Two to six policies on the same episodes."""
 
-from typing import Annotated
+from itertools import groupby
+from typing import Annotated, Any
 
 from fastapi import Query, Request
 from fastapi.responses import HTMLResponse
+from markupsafe import Markup
 from sqlalchemy.orm import Session
 
 from hide_tasks.contract import Split
-from server import comparisons, policies
+from server import comparisons, outcomes, several
 from server.access import Router, Scope, needs
+from server.comparison_schemas import SeveralComparison
 from server.deps import Reading
+from server.models import Evaluation
 from server.problems import Problem
-from server.schemas import Comparison, Verdict
+from server.schemas import RatePublic, Verdict
+from web import comparing, episode_grid
+from web.comparing import Asked, OneCategory, OneTask, Side, Typed, Which
+from web.episode_grid import LETTERS
+from web.forest import Axis
+from web.grouped_bars import Bar, grouped
 from web.templating import page
 
 router = Router(include_in_schema=False)
 
 SPLITS: tuple[Split, ...] = ("test", "val", "train")
-Side = Annotated[str, Query(max_length=100)]
+MOST_SUGGESTED = 12
+MOST_LISTED = 60  # episodes
 
 
 @router.get("/comparisons")
@@ -25,35 +35,106 @@ Side = Annotated[str, Query(max_length=100)]
 def show_comparison(
     request: Request,
     session: Reading,
+    policy: Typed = [],  # noqa: B006, FastAPI copies it
     a: Side = "",
     b: Side = "",
     split: Annotated[Split, Query()] = "test",
     verdict: Annotated[Verdict, Query()] = "success",
+    category: OneCategory = None,
+    which: Which = "all",
+    task: OneTask = "",
 ) -> HTMLResponse:
     """The form, and the comparison that the address asks for, or why there is none."""
-    found: Comparison | None = None
-    problem: Problem | None = None
-    if a and b:
+    typed = [one.strip() for one in [*policy, a, b] if one.strip()]
+    asked = Asked(typed, split, verdict, category, which, task)
+    shown, problem = {}, None
+    if len(typed) > 1:
         try:
-            found = compared(session, a.strip(), b.strip(), split, verdict)
+            shown = _compared(session, asked)
         except Problem as error:
             problem = error
-    shown = {
-        "names": [f"{one.policy}@{one.version}" for one in policies.versions(session)],
-        "asked": {"a": a, "b": b, "split": split, "verdict": verdict},
-        "splits": SPLITS,
-        "found": found,
-        "problem": problem.detail if problem else "",
+    form = {"asked": asked, "splits": SPLITS, "LETTERS": LETTERS, **_form(session, asked, problem)}
+    status = problem.status if problem else 200
+    return page(request, "comparison.html", {"found": None, **form, **shown}, status=status)
+
+
+def _form(session: Session, asked: Asked, problem: Problem | None) -> dict[str, Any]:
+    suggested = several.suggested(session, asked.split)
+    there = len(asked.policies)
+    blank = max(several.FEWEST - there, int(there < several.MOST))
+    named = {one["field"]: one["message"] for one in problem.errors} if problem else {}
+    errors = [named.get(f"policy.{place}", "") for place in range(there + blank)]
+    return {
+        "fields": [*asked.policies, *[""] * blank],
+        "errors": errors,
+        "problem": problem.detail if problem and not any(errors) else "",
+        "names": [_name(one) for one in suggested],
+        "suggestions": _suggestions(session, suggested, asked),
     }
-    return page(request, "comparison.html", shown, status=problem.status if problem else 200)
 
 
-def compared(session: Session, a: str, b: str, split: Split, verdict: Verdict) -> Comparison:
-    """Two policies, or evaluations.
+def _suggestions(
+    session: Session, suggested: list[Evaluation], asked: Asked
+) -> list[tuple[str, str, RatePublic]]:
+    """Names that may be added, their addresses and rates."""
+    if len(asked.policies) >= several.MOST:
+        return []
+    there = {*asked.policies}
+    new = [
+        one for one in suggested if not there & {one.id, _name(one), one.policy_version.policy.name}
+    ][:MOST_SUGGESTED]
+    played = outcomes.of_completed(session, [one.id for one in new])
+    good = {id: getattr(found, asked.verdict) for id, found in played.items()}
+    return [
+        (_name(one), asked.with_(_name(one)), RatePublic.of(sum(good[one.id]), len(good[one.id])))
+        for one in new
+    ]
 
-    Raises:
-        Problem: 409 or 422, they cannot be compared; it says why.
-    """
-    one = comparisons.find(session, "a", a, split)
-    other = comparisons.find(session, "b", b, split)
-    return comparisons.compare(session, one, other, verdict=verdict)
+
+def _name(one: Evaluation) -> str:
+    return f"{one.policy_version.policy.name}@{one.policy_version.number}"
+
+
+def _compared(session: Session, asked: Asked) -> dict[str, Any]:
+    ones = several.found(session, asked.policies, asked.split)
+    found = several.compare(session, ones, verdict=asked.verdict)
+    return {
+        "found": found,
+        "group": found.categories.get(str(asked.category), found.overall),
+        "bars": _bars(found),
+        "choices": comparing.choices(len(ones)),
+        "grid": _grid(found, asked),
+        "episodes": asked.listed(found),
+        "most_listed": MOST_LISTED,
+        "beside": episode_grid.beside,
+        **(_paired(session, ones, asked) if len(ones) == 2 else {"pair": None}),
+    }
+
+
+def _paired(session: Session, ones: list[Evaluation], asked: Asked) -> dict[str, Any]:
+    pair = comparisons.compare(session, ones[0], ones[1], verdict=asked.verdict)
+    axis = Axis.over([pair.overall, *pair.categories.values(), *pair.tasks])
+    return {"pair": pair, "axis": axis}
+
+
+def _bars(found: SeveralComparison) -> list[tuple[str, Markup]]:
+    names = [f"{one.policy}@{one.version}" for one in found.policies]
+    return [
+        (kind, grouped([*map(Bar, LETTERS, names, group.rates)], kind, kind))
+        for kind, group in {"overall": found.overall, **found.categories}.items()
+    ]
+
+
+def _grid(found: SeveralComparison, asked: Asked) -> dict[str, Any]:
+    by_task = groupby(found.episodes, key=lambda one: one.task)
+    lines = {task: episode_grid.task_line(list(ones), asked.shows) for task, ones in by_task}
+    tasks = [
+        one
+        for one in found.tasks
+        if asked.category in (None, one.category) and asked.task in ("", one.task)
+    ]
+    last = max(one.index for one in found.episodes)
+    return {
+        "lines": [(one, lines[one.task]) for one in tasks],
+        "numbers": episode_grid.indices(last),
+    }

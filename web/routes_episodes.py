@@ -1,19 +1,22 @@
 """One episode: its replay, its hidden state over time, its decisions."""
 
 from collections.abc import Sequence
-from typing import Annotated, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 from fastapi import Query, Request
 from fastapi.responses import HTMLResponse
+from pydantic import Field
 from sqlalchemy.orm import Session
 
-from hide_tasks.contract import Failure, Value
-from server import episodes, evaluations
+from hide_tasks.contract import CAMERAS, Failure, Value
+from server import divergence, episodes, evaluations, labels, reruns
 from server.access import Router, Scope, needs
+from server.beliefs import checked
 from server.deps import Reading
 from server.schemas import DecisionPublic, EpisodeDetail
+from web.beside import beside, offered
 from web.filters import Filters
-from web.routes_evaluations import all_episodes
+from web.memory_panel import memories
 from web.templating import page
 from web.timeline import Timeline
 from web.viewer_assets import LAYOUT, SCRIPT, ViewerAssets
@@ -21,43 +24,79 @@ from web.viewer_assets import LAYOUT, SCRIPT, ViewerAssets
 router = Router(include_in_schema=False)
 
 
+class View(Filters):
+    """Where the reader is: the filter that led here, the decision, the other run."""
+
+    at: Annotated[int, Field(ge=0)] | None = None
+    beside: str | None = None
+
+    def fields(self, **changed: object) -> dict[str, Any]:
+        """The filter alone: it goes along to the neighbours."""
+        own = {"at", "beside"}
+        return {k: v for k, v in super().fields(**changed).items() if k not in own or k in changed}
+
+
 @router.get("/episodes/{id}")
 @needs(Scope.READ)
 def show_episode(
-    request: Request, session: Reading, id: str, filters: Annotated[Filters, Query()]
+    request: Request, session: Reading, id: str, view: Annotated[View, Query()]
 ) -> HTMLResponse:
     """One episode with its replay."""
     viewer: ViewerAssets = request.app.state.viewer
     episode = episodes.get(session, id)
-    decisions = episodes.decisions(session, id)
-    spans = episodes.spans(session, id)
-    before, after = neighbours(session, episode, filters)
+    before, after = neighbours(session, episode, view)
     shown = {
         "episode": episode,
         "evaluation": evaluations.get(session, episode.evaluation),
-        "decisions": rows_of(episode, decisions),
-        "timeline": Timeline(episode, decisions, spans) if spans or decisions else None,
         "before": before,
         "after": after,
-        "filters": filters,
+        "filters": view,
+        "labels": labels.of_episode(session, id),
+        "used": labels.counted(session),
+        "cameras": CAMERAS,
         "script": f"/viewer/{viewer.version}/{SCRIPT}",
         "layout": f"/viewer/{viewer.version}/{LAYOUT}?v={viewer.layout_version}",
+        "again": reruns.rerun(session, id),
+        "actions_file": reruns.actions_file(episode),
+        **played(session, episode, view),
     }
     return page(request, "episode.html", shown)
+
+
+def played(session: Session, episode: EpisodeDetail, view: View) -> dict[str, Any]:
+    """What happened in it, and in the run beside it."""
+    decisions = episodes.decisions(session, episode.id)
+    spans = episodes.spans(session, episode.id)
+    beliefs = checked(episode, decisions)
+    timeline = Timeline(episode, decisions, spans, beliefs) if spans or decisions else None
+    runs = divergence.runs_of_same(session, episode.id)
+    other = beside(session, episode.id, decisions, view.beside) if view.beside else None
+    expert = offered(runs)
+    known = divergence.from_expert(session, [episode.id]) if expert and not other else {}
+    parting = other.parting if other else known.get(episode.id)
+    if timeline and parting and parting.decision is not None:
+        timeline.parted = parting.time_a
+    if timeline and other:
+        timeline.scale = other.timeline.scale = max(timeline.end, other.timeline.end)
+    return {
+        "decisions": rows_of(episode, decisions),
+        "at": min(view.at or 0, len(decisions)),
+        "timeline": timeline,
+        "beliefs": beliefs,
+        "memories": memories(decisions, beliefs),
+        "runs": runs,
+        "expert": expert,
+        "parting": parting,
+        "beside": other,
+    }
 
 
 def neighbours(
     session: Session, episode: EpisodeDetail, filters: Filters
 ) -> tuple[str | None, str | None]:
     """The episodes before and after, among those that the filter shows."""
-    if not filters.given:
-        return episode.previous, episode.next
-    wanted = filters.wanted()
-    ids = [one.id for one in all_episodes(session, episode.evaluation, **wanted)]
-    if episode.id not in ids:
-        return episode.previous, episode.next
-    at = ids.index(episode.id)
-    return (ids[at - 1] if at else None), (ids[at + 1] if at + 1 < len(ids) else None)
+    found = episodes.beside(session, episode.id, **filters.wanted()) if filters.given else None
+    return found or (episode.previous, episode.next)
 
 
 class Row(NamedTuple):

@@ -1,33 +1,20 @@
-"""Evaluations: the list, the form, the live grid, the failures."""
+"""Evaluations: the list."""
 
-from collections import defaultdict
-from collections.abc import Iterator, Sequence
-from typing import Annotated, Any
+from typing import Annotated
 
-from fastapi import Query, Request
+from fastapi import Request
 from fastapi.responses import HTMLResponse
-from markupsafe import Markup
-from sqlalchemy.orm import Session
 
-from hide_tasks.contract import Category, Failure
-from server import episodes, evaluations, policies, tasks
+from server import evaluations, policies
 from server.access import Router, Scope, needs
-from server.deps import Reading, TheHub, ThePrincipal
-from server.episodes import Cell
-from server.paging import MOST
-from server.routes.uploads import list_uploads
-from server.schemas import AttemptPublic, EpisodePublic, FailureGroup, RatePublic, Verdicts
-from server.states import ENDED, AttemptState, EvaluationState
-from web.filters import EMPTY_IS_NONE, Filters
-from web.templating import KeptParts, page, part
-from workers.policies import BUILTIN
+from server.deps import Reading
+from server.states import EvaluationState
+from web.filters import EMPTY_IS_NONE
+from web.templating import page
 
 router = Router(include_in_schema=False)
 
 LISTED = 50
-PICTURES = 60
-grids = KeptParts(300)  # of evaluations that have ended: 100 kB each of the whole suite
-Filtered = Annotated[Filters, Query()]
 
 
 @router.get("/evaluations")
@@ -51,113 +38,3 @@ def list_evaluations(
         "cursor": cursor,
     }
     return page(request, "evaluations.html", shown)
-
-
-@router.get("/evaluations/new")
-@needs(Scope.SUBMIT)
-def show_form(
-    request: Request,
-    session: Reading,
-    hub: TheHub,
-    principal: ThePrincipal,
-    policy: str | None = None,
-    upload: bool = False,
-) -> HTMLResponse:
-    """The form that starts an evaluation, and the one that uploads what is to be evaluated."""
-    versions = policies.versions(session)
-    named = (
-        one.id for one in versions if policy in (one.id, one.policy, f"{one.policy}@{one.version}")
-    )
-    shown = {
-        "upload": upload,
-        "unfinished": list_uploads(session, hub, principal),
-        "limit": hub.settings.checkpoint_limit,
-        "reserved": BUILTIN,
-        "versions": versions,
-        "tasks": tasks.catalogue(),
-        "categories": list(Category),
-        "chosen": next(named, None),  # of a name: its newest version
-    }
-    return page(request, "evaluation_new.html", shown)
-
-
-@router.get("/evaluations/{id}")
-@needs(Scope.READ)
-def show_evaluation(request: Request, session: Reading, id: str) -> HTMLResponse:
-    """One evaluation as it stands; a script keeps it up to date."""
-    evaluation = evaluations.get(session, id)
-    ended = evaluation.state in ENDED
-    shown = {
-        "evaluation": evaluation,
-        "ended": ended,
-        "grid": grids.kept((id, evaluation.last_event), lambda: grid(session, id))
-        if ended
-        else grid(session, id),
-        "lost": lost(evaluations.attempts(session, id)),
-    }
-    return page(request, "evaluation.html", shown)
-
-
-@router.get("/evaluations/{id}/failures")
-@needs(Scope.READ)
-def show_failures(request: Request, session: Reading, id: str, filters: Filtered) -> HTMLResponse:
-    """What went wrong, counted, and the episodes of it."""
-    evaluation = evaluations.get(session, id)
-    groups = episodes.failure_groups(session, evaluation=id)
-    wanted = filters.wanted()
-    found = episodes.listed(session, evaluation=id, limit=PICTURES, cursor=filters.cursor, **wanted)
-    shown = {
-        "evaluation": evaluation,
-        "table": failure_table(groups),
-        "names": sorted({group.failure for group in groups}, key=list(Failure).index),
-        "most": max((group.episodes for group in groups), default=1),
-        "total": sum(group.episodes for group in groups),
-        "found": found,
-        "filters": filters,
-    }
-    return page(request, "failures.html", shown)
-
-
-def grid(session: Session, id: str) -> Markup:
-    """Every episode as a cell, with each task's rates."""
-    by_task: dict[str, list[Cell]] = defaultdict(list)
-    for cell in episodes.cells(session, id):
-        by_task[cell.task].append(cell)
-    rows = {task: (found, verdicts_of(found)) for task, found in by_task.items()}
-    return part("grid.html", {"rows": rows})
-
-
-def all_episodes(session: Session, id: str, **wanted: Any) -> Iterator[EpisodePublic]:
-    """Every episode of an evaluation, or those that are wanted."""
-    cursor = None
-    while True:
-        found = episodes.listed(session, evaluation=id, limit=MOST, cursor=cursor, **wanted)
-        yield from found.items
-        cursor = found.next
-        if not cursor:
-            return
-
-
-def verdicts_of(found: Sequence[Cell]) -> Verdicts:
-    """Both verdicts over the episodes that are final."""
-    final = [episode for episode in found if episode.success is not None]
-    success = RatePublic.of(sum(bool(episode.success) for episode in final), len(final))
-    exact = RatePublic.of(sum(bool(episode.exact) for episode in final), len(final))
-    return Verdicts(success=success, exact=exact)
-
-
-def lost(attempts: Sequence[AttemptPublic]) -> list[AttemptPublic]:
-    """The attempts that were lost, latest first."""
-    found = [attempt for attempt in attempts if attempt.state is AttemptState.LOST]
-    return sorted(found, key=lambda attempt: attempt.leased, reverse=True)
-
-
-def failure_table(
-    groups: Sequence[FailureGroup],
-) -> dict[tuple[Category, str], dict[Failure, int]]:
-    """Counts by category and task, then by failure."""
-    rows: dict[tuple[Category, str], dict[Failure, int]] = {}
-    order = list(Category)
-    for group in sorted(groups, key=lambda one: (order.index(one.category), one.task)):
-        rows.setdefault((group.category, group.task), {})[group.failure] = group.episodes
-    return rows

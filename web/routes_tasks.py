@@ -1,14 +1,23 @@
 """The tasks: what each asks, what it hides, and what a score on it means."""
 
-from fastapi import Request
+from typing import Annotated
+
+from fastapi import Query, Request
 from fastapi.responses import HTMLResponse
+from sqlalchemy.orm import Session
 
 from hide_tasks.contract import Category
-from server import tasks
+from server import leaderboard, tasks
 from server.access import Router, Scope, needs
+from server.deps import Reading
+from server.problems import invalid
+from server.schemas import LeaderboardRow
+from web.aliases import clearest
 from web.templating import page
 
 router = Router(include_in_schema=False)
+
+BEST = 5  # policies of a task's page
 
 
 @router.get("/tasks")
@@ -22,6 +31,32 @@ def list_tasks(request: Request) -> HTMLResponse:
 
 @router.get("/tasks/{name}")
 @needs(Scope.READ)
-def show_task(request: Request, name: str) -> HTMLResponse:
-    """One task."""
-    return page(request, "task.html", {"task": tasks.task(name)})
+def show_task(
+    request: Request,
+    session: Reading,
+    name: str,
+    pair: Annotated[int | None, Query(ge=1, le=99)] = None,
+) -> HTMLResponse:
+    """One task; `pair` chooses which of its alias pairs is shown large."""
+    task = tasks.task(name)
+    if pair is not None and pair > len(task.aliases):
+        raise invalid("pair", f"is {pair}; {name} has {len(task.aliases)} alias pairs")
+    number = pair or clearest(task.aliases)
+    shown = {
+        "task": task,
+        "pair": number,
+        "chosen": task.aliases[number - 1] if number else None,
+        "best": best(session, name),
+    }
+    return page(request, "task.html", shown)
+
+
+def best(session: Session, task: str) -> list[LeaderboardRow]:
+    """The rows of the leaderboard that do best on a task; of equals, the ranked ones first."""
+    board = leaderboard.leaderboard(session, split="test", verdict="success")
+
+    def place(row: LeaderboardRow) -> tuple[float, float, bool]:
+        verdicts = row.tasks[task]
+        return (-(verdicts.success.value or 0), -(verdicts.exact.value or 0), row.reference)
+
+    return sorted(board.rows, key=place)[:BEST]

@@ -15,7 +15,7 @@ from fastapi.responses import HTMLResponse
 from markupsafe import Markup, escape
 
 from hide_tasks.machine import installed
-from web import charts, wording
+from web import aliases, belief_track, charts, wording
 
 HERE = Path(__file__).parent
 STATIC = HERE / "static"
@@ -82,9 +82,13 @@ def fingerprint(name: str) -> str:
 
 
 def query(**fields: object) -> str:
-    """A query string of the fields that are set, with its question mark, or nothing."""
-    given = {name: str(value) for name, value in fields.items() if value not in (None, "")}
-    return f"?{urlencode(given)}" if given else ""
+    """A query string of the fields that are set, with its question mark, or nothing; of several
+    values, each with the field's name."""
+    several = {name: v if isinstance(v, list | tuple) else [v] for name, v in fields.items()}
+    said = urlencode(
+        [(name, str(v)) for name, values in several.items() for v in values if v not in (None, "")]
+    )
+    return f"?{said}" if said else ""
 
 
 def breakable(name: str) -> Markup:
@@ -104,11 +108,15 @@ ENVIRONMENT.globals.update(
     release=release,
     rate_bar=charts.rate_bar,
     progress_bar=charts.progress_bar,
+    budget_bar=charts.budget_bar,
     CATEGORIES=wording.CATEGORIES,
     CHECKS=wording.CHECKS,
     FAILURES=wording.FAILURES,
     OUTCOMES=wording.OUTCOMES,
     verdict_of=wording.verdict,
+    explaining=aliases.explaining,
+    belief_summary=belief_track.summary,
+    counts=belief_track.numbers,
 )
 ENVIRONMENT.filters.update(
     percent=wording.percent,
@@ -116,6 +124,7 @@ ENVIRONMENT.filters.update(
     signed=wording.signed,
     day=wording.day,
     words=wording.words,
+    ordinal=wording.ordinal,
     value=wording.value,
     pairs=wording.pairs,
     moment=wording.moment,

@@ -4,40 +4,25 @@ Places along the time axis are percentages, so it fits any width without a scrip
 an SVG of its own, which cuts off a text that is too long for it.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
-from itertools import pairwise
+from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
 from markupsafe import Markup
 
-from server.schemas import DecisionPublic, EpisodeDetail, SpanPublic
-from web import wording
+from server.schemas import BeliefsPublic, DecisionPublic, EpisodeDetail, SpanPublic
+from web import belief_track, lanes, wording
 from web.charts import element
+from web.lanes import Lane, Span
 
 LANE = 22  # pixels
 BAR = 18
 AXIS = 18
 SHADES = 10  # as many as the style sheet has
-SAID = ("hidden", "stage")  # kinds of lanes that a screen reader is told on every move
+SAID = ("hidden", "stage", "truth", "count")  # lanes that a screen reader is told of
 FIXED = {"yes": "yes", "no": "no", "–": "nothing"}
+NAMED = {"truth": "true ", "count": "believed "}  # before a lane's name
 STEPS = (0.5, 1, 2, 5, 10, 20, 30, 60, 120, 300, 600)  # seconds between two marks of the axis
 MARKS = 8  # at most
-
-
-class Span(NamedTuple):
-    """A value from one time to another."""
-
-    value: str
-    begin: float  # simulated seconds
-    end: float
-
-
-class Lane(NamedTuple):
-    """One named thing over time."""
-
-    kind: str
-    name: str
-    spans: list[Span]
 
 
 class Mark(NamedTuple):
@@ -56,12 +41,16 @@ class Timeline:
         episode: EpisodeDetail,
         decisions: Sequence[DecisionPublic],
         spans: Sequence[SpanPublic],
+        beliefs: BeliefsPublic | None = None,
     ):
         ends = [decision.time for decision in decisions]
         self.end = max([*ends, *(span.time_to for span in spans), 0.001])
+        self.scale = self.end  # seconds over the whole width: beside another run the longer one's
         self.moments = [0.0, *ends]  # decision k is chosen at moments[k]
-        self.lanes = [*_lanes(spans), *_checks(episode, decisions, self.end)]
+        self.lanes = list(belief_track.lanes(beliefs, self.moments)) if beliefs else []
+        self.lanes += [*lanes.of_spans(spans), *lanes.of_checks(episode, decisions, self.end)]
         self.marks = list(_marks(decisions))
+        self.parted: float | None = None  # where another run went another way
 
     @property
     def height(self) -> int:
@@ -70,7 +59,8 @@ class Timeline:
 
     def svg(self) -> Markup:
         """The drawing, without the names of the lanes."""
-        parts = [*self._ticks(), *self._bars(), *self._marked(), *self._axis(), self._cursor()]
+        parts = [*self._ticks(), *self._bars(), *self._marked(), *self._axis(), *self._parting()]
+        parts.append(self._cursor())
         return element("svg", *parts, class_="lanes", height=self.height, aria_hidden="true")
 
     def _ticks(self) -> Iterator[Markup]:
@@ -86,17 +76,18 @@ class Timeline:
                 yield self._bar(LANE * row + 2, lane, span, shades[span.value])
 
     def _bar(self, top: int, lane: Lane, span: Span, shade: str) -> Markup:
-        text = f"{wording.words(lane.name)}: {span.value}"
+        text = f"{NAMED.get(lane.kind, '')}{wording.words(lane.name)}: {span.value}"
         when = f"{wording.seconds(span.begin)} to {wording.seconds(span.end)}"
         return element(
             "svg",
             element("title", f"{text}, {when}"),
             element("rect", width="100%", height=BAR, rx=2),
+            *_hatched(span),
             element("text", span.value, x=5, y=13),
-            class_=f"span {lane.kind} {shade}",
+            class_=f"span {lane.kind} {span.state or shade}",
             x=self._share(span.begin),
             y=top,
-            width=self._share(max(span.end - span.begin, self.end / 500)),
+            width=self._share(max(span.end - span.begin, self.scale / 500)),
             height=BAR,
             data_begin=span.begin,
             data_end=span.end,
@@ -113,12 +104,17 @@ class Timeline:
                 "svg", title, drawn, class_=f"mark {mark.kind}", x=self._share(mark.time), y=middle
             )
 
+    def _parting(self) -> Iterator[Markup]:
+        if self.parted is not None:
+            at, bottom = self._share(self.parted), self.height - AXIS
+            yield element("line", class_="parted", x1=at, x2=at, y1=0, y2=bottom)
+
     def _axis(self) -> Iterator[Markup]:
-        step = next((step for step in STEPS if self.end / step <= MARKS), STEPS[-1])
+        step = next((step for step in STEPS if self.scale / step <= MARKS), STEPS[-1])
         bottom = LANE * (len(self.lanes) + 1)
-        for number in range(int(self.end / step) + 1):
+        for number in range(int(self.scale / step) + 1):
             time = number * step
-            last = time > 0.96 * self.end
+            last = time > 0.96 * self.scale
             at, anchor = self._share(time), "end" if last else "middle" if number else "start"
             label = f"{time:g}{wording.THIN}s"
             yield element("text", label, class_="axis", x=at, y=bottom + 14, text_anchor=anchor)
@@ -127,43 +123,13 @@ class Timeline:
         return element("line", class_="cursor", x1="0%", x2="0%", y1=0, y2=self.height - AXIS)
 
     def _share(self, time: float) -> str:
-        return f"{100 * time / self.end:.3f}%"
+        return f"{100 * time / self.scale:.3f}%"
 
 
-def _lanes(spans: Iterable[SpanPublic]) -> list[Lane]:
-    found: dict[tuple[str, str], list[Span]] = {}
-    for kind in ("hidden", "belief", "stage"):
-        for span in (span for span in spans if span.kind == kind):
-            shown = Span(_said(span), span.time_from, span.time_to)
-            found.setdefault((kind, span.name), []).append(shown)
-    return [Lane(kind, name, lane) for (kind, name), lane in found.items()]
-
-
-def _said(span: SpanPublic) -> str:
-    """Its value; a policy's own measurement changes with every decision, and is rounded."""
-    measured = span.kind == "belief" and isinstance(span.value, float)
-    return f"{span.value:.2f}" if measured else wording.value(span.value)
-
-
-def _checks(
-    episode: EpisodeDetail, decisions: Sequence[DecisionPublic], end: float
-) -> Iterator[Lane]:
-    if not episode.start:
-        return
-    known: list[tuple[float, dict[str, bool]]] = [(0.0, episode.start.checks)]
-    known += [(decision.time, decision.checks) for decision in decisions]
-    for name in episode.start.checks:
-        points = [(time, wording.value(checks[name])) for time, checks in known if name in checks]
-        yield Lane("check", name, list(_joined([*points, (end, "")])))
-
-
-def _joined(points: Sequence[tuple[float, str]]) -> Iterator[Span]:
-    """Spans of values, given at times; what follows one of the same value belongs to it."""
-    begin = points[0][0]
-    for (_, value), (time, following) in pairwise(points):
-        if following != value:
-            yield Span(value, begin, time)
-            begin = time
+def _hatched(span: Span) -> Iterator[Markup]:
+    """Not by colour alone: the pattern stands in the page, once."""
+    if span.state == "wrong":
+        yield element("rect", width="100%", height=BAR, rx=2, fill="url(#hatch)", class_="hatch")
 
 
 def _marks(decisions: Sequence[DecisionPublic]) -> Iterator[Mark]:

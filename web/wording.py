@@ -30,6 +30,14 @@ FAILURES = {
     Failure.POLICY_TIMEOUT: "The policy did not answer in time.",
 }
 
+VERDICTS = {
+    "inexact": "not exact",
+    "failed": "failed",
+    "success": "success, not exact",
+    "exact": "exact",
+    "all": "all",
+}
+
 CHECKS = {  # of workers.preflight.Check, and what the page of an upload adds
     "hash": "SHA-256 of what came is the sender's",
     "conversion": "converted from a file of torch.save",
@@ -37,6 +45,13 @@ CHECKS = {  # of workers.preflight.Check, and what the page of an upload adds
     "load": "loaded in the sandbox: names, shapes, numbers",
     "decision": "asked for a decision",
     "repetition": "asked the same again",
+}
+
+WIRES = {  # of workers.remote.wires
+    "openpi": "openpi (and ours)",
+    "vla_eval": "vla-eval",
+    "act": "POST /act (OpenVLA)",
+    "gr00t": "GR00T",
 }
 
 OUTCOMES = {
@@ -131,6 +146,12 @@ def size(count: int) -> str:
         if count >= bytes_of:
             return f"{count / bytes_of:.3g}{THIN}{unit}"
     return f"{count}{THIN}bytes"
+
+
+def ordinal(place: int) -> str:
+    """A place in a queue, e.g. '2nd'."""
+    ends = {1: "st", 2: "nd", 3: "rd"}
+    return f"{place}{'th' if place % 100 in (11, 12, 13) else ends.get(place % 10, 'th')}"
 
 
 def verdict(success: bool | None, exact: bool | None) -> str:

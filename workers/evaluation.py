@@ -36,6 +36,7 @@ class Evaluation:
     tasks: tuple[str, ...]
     split: Split = "test"
     episodes: int | None = None  # per task, the first so many of the split; None: all
+    indices: tuple[int, ...] = ()  # these instead, of each task
     rules: Rules = "hide"
     recordings: bool = True
     policy_timeout: float = 60.0  # s for one answer of a policy in a process of its own
@@ -49,16 +50,17 @@ class Evaluation:
         Raises:
             UnknownTask: a task does not exist.
         """
-        return [
-            spec for task in self.tasks for spec in suite.episodes(task, self.split, self.episodes)
-        ]
+        return [spec for task in self.tasks for spec in self._specs_of(task)]
+
+    def _specs_of(self, task: str) -> list[EpisodeSpec]:
+        if self.indices:
+            return [suite.episode(task, self.split, index) for index in self.indices]
+        return suite.episodes(task, self.split, self.episodes)
 
     @property
     def results(self) -> Results:
         """What its folder holds before the first episode."""
-        planned = {
-            task: len(suite.episodes(task, self.split, self.episodes)) for task in self.tasks
-        }
+        planned = {task: len(self._specs_of(task)) for task in self.tasks}
         return Results(
             policy=self.policy,
             suite=suite.SUITE,
@@ -69,6 +71,7 @@ class Evaluation:
             budgets={task: self._budget(task) for task in planned},
             sources={task: sources_hash(task) for task in planned},
             planned=planned,
+            indices=list(self.indices),
         )
 
     def _budget(self, task: str) -> int:

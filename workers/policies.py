@@ -14,7 +14,7 @@ from pydantic import ValidationError
 
 from hide_tasks.contract import Action, EpisodeSpec, Policy, PolicyFailure
 from seek_model.checkpoint_header import BadCheckpoint, read_header
-from workers import run_folder
+from workers import actions_file, run_folder
 from workers.policy_host import CHECKPOINT
 from workers.policy_process import LOAD_LIMIT, NotStarted, PolicyProcess
 from workers.protocol import RemotePolicy
@@ -26,7 +26,7 @@ from workers.sandbox.choice import Sandbox
 
 BUILTIN = ("expert", "amnesiac", "random", "noop")
 ACCEPTED = (
-    f"{', '.join(BUILTIN)}, replay:DIR (a run folder), "
+    f"{', '.join(BUILTIN)}, replay:DIR (a run folder), replay:FILE.json (an episode's actions), "
     "python:module:Class or python:path/to/file.py:Class, "
     "a checkpoint, path/to/file.safetensors; a policy that is served, ws://host:port or wss://…, "
     "http://host:port/act, tcp://host:port"
@@ -93,7 +93,7 @@ class Actions(PolicyChoice):
 
 @dataclass(frozen=True)
 class Replayed(PolicyChoice):
-    """The recorded actions of another run folder."""
+    """The recorded actions of another run folder, or of one episode's file."""
 
     folder: Path
     split: str
@@ -373,13 +373,16 @@ def _read_maps(path: Path) -> dict[str, Any]:
 
 
 def read_replay(folder: Path) -> Replayed:
-    """The recorded actions of a run folder.
+    """The recorded actions of a run folder, or of one episode's file.
 
     Raises:
-        BadPolicy: it is no run folder.
+        BadPolicy: it is neither.
     """
     try:
+        if folder.suffix == actions_file.ACTIONS_SUFFIX and not folder.is_dir():
+            one = actions_file.read(folder)
+            return Replayed(folder, one.split, {(one.task, one.index): one.actions})
         actions = run_folder.read_actions(folder)
         return Replayed(folder, run_folder.read(folder).split, actions)
-    except run_folder.FolderError as error:
+    except (run_folder.FolderError, actions_file.ActionsError) as error:
         raise BadPolicy(f"replay:{folder} has nothing to replay: {error}") from None

@@ -27,6 +27,7 @@ class Results(BaseModel):
     budgets: dict[str, int]  # decisions an episode may take, per task
     sources: dict[str, str] = {}  # per task, the code that its episodes were played by
     planned: dict[str, int]  # episodes asked for, per task: the first so many of the split
+    indices: list[int] = []  # or these of each task, if any are named
     sandboxes: list[Sandbox] = []  # that were around the policy's process, if it had one
     machine: dict[str, str] = {}
     created: str = ""
@@ -41,6 +42,8 @@ class Results(BaseModel):
         for field in (same, "suite", "version", "split", "rules"):
             if getattr(self, field) != getattr(other, field):
                 return f"{field} {getattr(self, field)}, not {getattr(other, field)}"
+        if self.indices != other.indices:
+            return f"{self._chosen}, not {other._chosen}"
         if self.remote and other.remote:
             for field in ("dialect", "model"):
                 if self.remote[field] != other.remote[field]:
@@ -52,6 +55,11 @@ class Results(BaseModel):
             if self.sources[task] != other.sources[task]:
                 return f"another version of {task}'s sources"
         return None
+
+    @property
+    def _chosen(self) -> str:
+        named = ", ".join(map(str, self.indices))
+        return f"episodes {named} of each task" if named else "the first episodes of each task"
 
     def dated(self) -> "Results":
         """These results, begun now on this machine."""

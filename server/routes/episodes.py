@@ -6,17 +6,18 @@ from typing import Annotated, Literal
 
 from fastapi import Query, Response
 from fastapi.responses import StreamingResponse
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 from sqlalchemy.orm import Session
 from starlette.types import Send
 
-from hide_tasks.contract import Category, Failure
 from server import blobs, divergence, episodes, evaluations, pictures
 from server.access import Router, Scope, needs
 from server.deps import Cursor, EpisodeId, EvaluationId, Limit, Reading, TheHub
+from server.episode_order import Sort
 from server.files import File
 from server.growing import BrokenOff, Growing
 from server.hub import Hub
+from server.matching import Wanted, Within
 from server.problems import Problem, not_found
 from server.revalidation import FOR_EVER, Revalidate, Revalidation
 from server.schemas import (
@@ -35,7 +36,6 @@ router = Router(tags=["episodes"])
 NEVER = {"Cache-Control": "no-store"}
 PATIENCE = 5.0  # s to wait for the first bytes of a running episode's recording
 Camera = Literal["front", "left_shoulder", "right_shoulder", "wrist"]  # contract.CAMERAS
-Text = Annotated[str | None, Field(max_length=80)]
 
 
 class Followed(StreamingResponse):
@@ -46,27 +46,20 @@ class Followed(StreamingResponse):
             await super().stream_response(send)
 
 
-class WithinFilter(BaseModel):
-    """Which episodes of an evaluation; what is left out does not matter."""
+class WithinFilter(Within):
+    """A page of the episodes of an evaluation."""
 
-    model_config = ConfigDict(extra="forbid")
-
-    category: Category | None = None
-    task: Text = None
-    failure: Failure | None = None
-    success: bool | None = None
-    exact: bool | None = None
-    state: EpisodeState | None = None
-    label: Text = None
+    sort: Sort = Sort.NEWEST
     limit: Limit = 50
     cursor: Cursor = None
 
 
-class EpisodeFilter(WithinFilter):
-    """Which episodes of all evaluations."""
+class EpisodeFilter(Wanted):
+    """A page of the episodes of all evaluations."""
 
-    evaluation: Text = None
-    policy: Text = None
+    sort: Sort = Sort.NEWEST
+    limit: Limit = 50
+    cursor: Cursor = None
 
 
 @router.get("/episodes")
@@ -74,7 +67,7 @@ class EpisodeFilter(WithinFilter):
 def list_episodes(
     session: Reading, wanted: Annotated[EpisodeFilter, Query()]
 ) -> Page[EpisodePublic]:
-    """Episodes of all evaluations, those of the newest first."""
+    """Episodes of all evaluations, those of the newest first unless another order is wanted."""
     return episodes.listed(session, **dict(wanted))
 
 

@@ -7,14 +7,15 @@ from fastapi import Header, Query, Response
 from fastapi.sse import EventSourceResponse, ServerSentEvent
 from sqlalchemy.orm import Session
 
-from server import episodes, evaluations, followers, lifecycle, quotas
+from server import episodes, estimates, evaluations, followers, lifecycle, quotas
 from server.access import Principal, Router, Scope, needs
 from server.deps import Cursor, EvaluationId, Limit, Reading, TheHub, ThePrincipal
 from server.hub import Hub
 from server.models import Evaluation
-from server.problems import invalid
 from server.schemas import (
     AttemptPublic,
+    EstimatePublic,
+    EstimateQuery,
     EvaluationCreate,
     EvaluationPublic,
     FailureGroup,
@@ -67,8 +68,7 @@ def queued(
     Raises:
         Problem: 422, it is wrong; 429, their quota is used up.
     """
-    if wanted.priority > 0 and not principal.may(Scope.MAINTAIN):
-        raise invalid("priority", "is above 0, which is for maintainers")
+    evaluations.require_priority(principal, wanted.priority)
     row = evaluations.create(session, wanted, key, owner=principal.user)
     session.flush()
     quotas.require_evaluation(session, principal, hub.settings)
@@ -86,6 +86,18 @@ def list_evaluations(
 ) -> Page[EvaluationPublic]:
     """Evaluations, the newest first."""
     return evaluations.listed(session, state=state, policy=policy, limit=limit, cursor=cursor)
+
+
+@router.get("/evaluations/estimate")
+@needs(Scope.SUBMIT)
+def estimate_evaluation(
+    wanted: Annotated[EstimateQuery, Query()],
+    hub: TheHub,
+    principal: ThePrincipal,
+    session: Reading,
+) -> EstimatePublic:
+    """What an evaluation would cost, and what goes before it; nothing is queued."""
+    return estimates.of(session, hub, principal, wanted)
 
 
 @router.get("/evaluations/{evaluation}")

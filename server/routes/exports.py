@@ -1,6 +1,7 @@
 """Evaluations and the leaderboard as files."""
 
 from collections.abc import Iterator
+from enum import StrEnum
 from typing import Annotated, Any
 
 from fastapi import Query
@@ -25,14 +26,14 @@ class BoardExport(BoardQuery):
     table: bool = Field(False, description="Of LaTeX: the whole table, not only its rows.")
 
 
-def _of(
-    formats: type[EvaluationFormat] | type[LeaderboardFormat],
-) -> dict[int | str, dict[str, Any]]:
+def of_formats(formats: type[StrEnum]) -> dict[int | str, dict[str, Any]]:
+    """The answers of a route that gives out these formats."""
     content: dict[str, Any] = {MEDIA_TYPES[one].partition(";")[0]: {} for one in formats}
     return {200: {"description": "The file.", "content": content}}
 
 
-def _file(pieces: Iterator[bytes], name: str, format: str) -> StreamingResponse:
+def file_of(pieces: Iterator[bytes], name: str, format: str) -> StreamingResponse:
+    """A file to be kept, as it is made."""
     file = f"{name}.{SUFFIXES.get(format, format)}"
     headers = {
         "Content-Disposition": f'attachment; filename="{file}"',
@@ -44,7 +45,7 @@ def _file(pieces: Iterator[bytes], name: str, format: str) -> StreamingResponse:
 @router.get(
     "/evaluations/{evaluation}/export",
     response_class=StreamingResponse,
-    responses=_of(EvaluationFormat),
+    responses=of_formats(EvaluationFormat),
 )
 @needs(Scope.READ)
 def export_evaluation(
@@ -58,11 +59,11 @@ def export_evaluation(
     with hub.database.reading() as session:
         stands = evaluations.get(session, evaluation)
     exported = Exported(hub.database, stands, verdict)
-    return _file(exported.pieces(format), stands.id, format.value)
+    return file_of(exported.pieces(format), stands.id, format.value)
 
 
 @router.get(
-    "/leaderboard/export", response_class=StreamingResponse, responses=_of(LeaderboardFormat)
+    "/leaderboard/export", response_class=StreamingResponse, responses=of_formats(LeaderboardFormat)
 )
 @needs(Scope.READ)
 def export_leaderboard(
@@ -73,4 +74,4 @@ def export_leaderboard(
     board = standings.of(session, wanted)
     pieces = board_exports.of_leaderboard(board, wanted.format, table=wanted.table)
     name = f"leaderboard-{wanted.split}-{wanted.verdict}"
-    return _file(pieces, name, wanted.format.value)
+    return file_of(pieces, name, wanted.format.value)

@@ -13,10 +13,19 @@ from server.checkpoints import Received
 from server.deps import Cursor, Limit, Reading, TheHub, ThePrincipal
 from server.hub import Hub
 from server.problems import Problem, invalid
-from server.schemas import Description, Page, PolicyCreate, PolicyName, PolicyVersionPublic
+from server.schemas import (
+    ConnectionCreate,
+    ConnectionPublic,
+    Description,
+    Page,
+    PolicyCreate,
+    PolicyName,
+    PolicyVersionPublic,
+)
 from workers.policies import BadPolicy, Hosted, Remote, Surroundings
 from workers.preflight import Check
 from workers.protocol import PythonPolicy, RemotePolicy
+from workers.remote import trial
 
 router = Router(prefix="/policies", tags=["policies"])
 CHECK_LIMIT = 60.0  # s for importing and constructing a class
@@ -67,6 +76,18 @@ def register_policy(
         version = policies.public(session, row)
     response.headers["Location"] = f"/api/v1/policies/{version.id}"
     return version
+
+
+@router.post("/connection")
+@needs(Scope.SUBMIT)
+def try_connection(wanted: ConnectionCreate, hub: TheHub) -> ConnectionPublic:
+    """Tries a policy's server as a worker would, and says what it answered; registers nothing.
+
+    Refusals of the address, of the connection or of a decision are no error of the request: they
+    are the last of `steps`.
+    """
+    found = trial.tried(wanted.spec, tuple(hub.settings.allow_remote))
+    return ConnectionPublic(fits=found.fits, about=found.about, steps=found.steps)
 
 
 def _require_loads(spec: PythonPolicy, surroundings: Surroundings) -> None:

@@ -177,7 +177,7 @@ def test_a_migration_that_fails_leaves_nothing_half_done(database: Database) -> 
 def test_revisions_are_numbered_in_a_line() -> None:
     revisions = known_revisions()
 
-    assert revisions == [f"{number:04d}" for number in range(len(revisions), 0, -1)]
+    assert list(revisions) == [f"{number:04d}" for number in range(len(revisions), 0, -1)]
 
 
 def test_a_file_that_is_not_there_may_become_a_ledger(tmp_path: Path) -> None:

@@ -8,6 +8,7 @@ import pytest
 from tests.server import ledgers
 from tests.server.clients import TestClient, client, hub_of
 from tests.server.postgres import needs_postgres
+from tests.web.conftest import site  # noqa: F401  # the filled site, once for all here too
 
 
 @pytest.fixture(scope="module", params=["sqlite", pytest.param("postgresql", marks=needs_postgres)])

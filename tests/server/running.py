@@ -12,6 +12,7 @@ from typing import Any, Self
 
 import httpx
 
+from tests import viewer_files
 from tests.processes import command
 from workers.simulator_process import descendants
 
@@ -49,6 +50,7 @@ class RunningServer:
 
     def start(self, port: str = "0") -> None:
         """Starts it and waits until it answers."""
+        viewer_files.lay(self.data)
         log = self.data.with_name(f"{self.data.name}.log")
         with open(log, "wb") as output:
             self.process = subprocess.Popen(

@@ -103,6 +103,9 @@ def test_help(capfd, arguments: list[str]) -> None:
         ("eval expert --episodes 0", "--episodes 0: test has 25 a task; give 1 to 25"),
         ("eval expert --episodes 26", "--episodes 26: test has 25 a task; give 1 to 25"),
         ("eval expert --episodes many", "--episodes"),
+        ("eval expert --index 25", "--index 25: test has none; give 0 to 24"),
+        ("eval expert --index 3 --episodes 2", "--index and --episodes exclude each other"),
+        ("eval replay:nowhere.json", "has nothing to replay: nowhere.json cannot be read"),
         ("eval expert --workers 0", "--workers"),
         ("eval expert --rules strict", "'strict' is not one of 'hide', 'parity'"),
         ("eval expert --fast", "No such option: --fast"),
@@ -141,7 +144,12 @@ def test_a_folder_with_something_else_is_left_alone(capfd, tmp_path: Path) -> No
 
 @pytest.mark.parametrize(
     "arguments",
-    [["noop"], ["expert", "--split", "val"], ["expert", "--rules", "parity"]],
+    [
+        ["noop"],
+        ["expert", "--split", "val"],
+        ["expert", "--rules", "parity"],
+        ["expert", "--index", "3"],
+    ],
 )
 def test_the_folder_of_another_run_is_left_alone(
     capfd, tmp_path: Path, arguments: list[str]

@@ -8,7 +8,18 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from server.statistics import Table, holm, interval, mcnemar, over_episodes, over_tasks, rank_sets
+from server.statistics import (
+    Table,
+    holm,
+    interval,
+    interval_of_means,
+    mcnemar,
+    of_mean,
+    over_episodes,
+    over_tasks,
+    rank_sets,
+    sign_flip,
+)
 
 counts = st.integers(0, 30)
 tables = st.builds(Table, counts, counts, counts, counts)
@@ -184,3 +195,51 @@ def test_policies_without_a_difference_seldom_get_different_ranks() -> None:
     told = [rank_sets(random.random((4, 375)) < 0.5) for _ in range(200)]
 
     assert sum(one != [(1, 4)] * 4 for one in told) <= 20  # 5 % of 200, and chance
+
+
+# --- several versions of a policy on the same episodes ---
+
+
+@pytest.mark.parametrize(("a", "b"), [(0, 0), (1, 0), (6, 0), (8, 2), (5, 5), (33, 102)])
+def test_flipped_signs_of_single_versions_are_mcnemars_test(a: int, b: int) -> None:
+    differences = np.array([1] * a + [-1] * b + [0] * 20)
+
+    assert sign_flip(differences) == pytest.approx(float(mcnemar(a, b)), abs=1e-12)
+    assert sign_flip(3 * differences) == sign_flip(differences) == sign_flip(-differences)
+
+
+@pytest.mark.parametrize("differences", [[3, 1, 1, -2], [2, 2, -1], [5, -5, 1], [4, 4, 4, 4, -1]])
+def test_flipped_signs_are_the_share_of_all_ways_to_flip_them(differences: list[int]) -> None:
+    sums = [
+        abs(sum(sign * one for sign, one in zip(signs, differences, strict=True)))
+        for signs in product((-1, 1), repeat=len(differences))
+    ]
+    reached = abs(sum(differences))
+    share = [np.mean([one > reached for one in sums]), np.mean([one == reached for one in sums])]
+
+    assert sign_flip(np.array(differences)) == pytest.approx(share[0] + share[1] / 2)
+
+
+def test_the_interval_of_single_versions_is_that_of_their_table() -> None:
+    random = np.random.default_rng(0)
+    a, b = random.integers(2, size=(2, 1, 60))
+
+    table = Table(*(int(((a == x) & (b == y)).sum()) for x in (1, 0) for y in (1, 0)))
+
+    assert interval_of_means(a, b) == interval(table)
+
+
+def test_more_versions_of_the_same_outcomes_say_no_more() -> None:
+    random = np.random.default_rng(1)
+    a, b = random.integers(2, size=(2, 1, 80))
+
+    one, five = interval_of_means(a, b), interval_of_means(np.repeat(a, 5, 0), b)
+
+    assert five == pytest.approx(one, abs=0.01)
+    assert sign_flip((5 * a - 5 * b).sum(0)) == sign_flip((a - b).sum(0))
+
+
+def test_the_interval_of_a_mean_is_students() -> None:
+    assert of_mean([1]) is None and of_mean([]) is None
+    assert of_mean([2, 2, 2]) == (2.0, 2.0)
+    assert of_mean([1, 2, 3, 4, 5]) == pytest.approx((1.0368, 4.9632), abs=1e-4)

@@ -8,7 +8,7 @@ from pathlib import Path
 from fastapi import FastAPI
 from sqlalchemy.orm import Session
 
-from hide_tasks.contract import Belief, EpisodeSpec, Failure
+from hide_tasks.contract import Attention, Belief, EpisodeSpec, Failure
 from server import batches, lifecycle, snapshots, webhooks
 from server.commit import commit
 from server.hub import Hub
@@ -82,7 +82,7 @@ def filled(app: FastAPI, recordings: Path) -> Site:
         ledgers.registered(database, name)
     checkpoint = ledgers.uploaded(database, store, "seek", b"weights", TRIED)
     completed = ledgers.evaluated(database, store, "mine", every_outcome())
-    recorded = _recorded(hub, recordings)
+    recorded = recorded_run(hub, recordings)
     cancelled = _begun(hub, "slow")
     with database.writing() as session:
         lifecycle.cancel(session, session.get_one(Evaluation, cancelled))
@@ -158,14 +158,15 @@ def _lost(hub: Hub) -> bool:
         return found is not None
 
 
-def _recorded(hub: Hub, folder: Path) -> str:
+def recorded_run(hub: Hub, folder: Path, policy: str = "expert") -> str:
+    """An evaluation of one episode that was played and recorded."""
     with hub.database.writing() as session:
         wanted = {"tasks": ["push_button_times"], "episodes": 1, "split": "val"}
-        evaluation = ledgers.created(session, "expert", **wanted).id
+        evaluation = ledgers.created(session, policy, priority=100, **wanted).id
         attempt, shard = taken(session)
         [episode] = lifecycle.open_episodes(shard)
         lifecycle.begin(session, attempt, episode)
-        what, file = played(lifecycle.spec_of(episode), folder)
+        what, file = played(lifecycle.spec_of(episode), folder, policy)
         recording = hub.blobs.put(file.read_bytes())
         what = what.model_copy(update={"recording": recording})
         commit(session, hub.blobs, attempt, episode, what)
@@ -174,14 +175,13 @@ def _recorded(hub: Hub, folder: Path) -> str:
         return evaluation
 
 
-def played(spec: EpisodeSpec, folder: Path) -> tuple[EpisodeCommit, Path]:
-    """An expert's episode that also has beliefs, and its recording."""
+def played(spec: EpisodeSpec, folder: Path, policy: str = "expert") -> tuple[EpisodeCommit, Path]:
+    """A built-in policy's episode that also has beliefs, and its recording."""
     trace = HiddenTrace()
-    job = EpisodeJob(spec, BuiltIn("expert"), "expert", recordings=folder)
+    job = EpisodeJob(spec, BuiltIn(policy), policy, recordings=folder)
     episode = play_once(job, trace)
     decisions = tuple(
-        one.model_copy(update={"belief": Belief(stage_count=one.decision // 2)})
-        for one in episode.decisions
+        one.model_copy(update={"belief": believed(one.decision)}) for one in episode.decisions
     )
     result = episode.result.model_copy(update={"recording": None})
     measured = (result, trace.start, decisions, tuple(trace.changes))
@@ -194,3 +194,23 @@ def played(spec: EpisodeSpec, folder: Path) -> tuple[EpisodeCommit, Path]:
         digest=measured_digest(*measured),
     )
     return what, folder / f"{spec.name}.rrd"
+
+
+def believed(decision: int) -> Belief:
+    """As a policy with every kind of memory says it; from decision 5 on it counts two too few."""
+    window = tuple(range(max(0, decision - 4), decision))
+    older = decision > 4
+    slots = [f"window {age + 1}" for age in range(len(window))] + ["anchor"] * older + ["stage"]
+    weights = {slot: (2.0 if slot == "anchor" else 1.0) / (len(slots) + older) for slot in slots}
+    return Belief(
+        stage_count=(decision + 1) // 2 - 2 * older,
+        boundary=0.08 if decision % 2 else 0.93,
+        window=window,
+        anchor_index=0 if older else None,
+        anchor_similarity=0.83 if older else None,
+        attention=tuple(
+            Attention(view=view, slot=slot, weight=round(weight, 3))
+            for view in ("front", "left", "top")
+            for slot, weight in weights.items()
+        ),
+    )

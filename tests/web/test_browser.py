@@ -17,6 +17,7 @@ from tests.seek_model.checkpoints import tiny_checkpoint
 from tests.server import ledgers
 from tests.web import sites
 from tests.web.browsing import WIDTHS, opened, serving, until
+from tests.web.pages import paths
 from tests.web.sites import Site
 from workers.protocol import INTERNAL
 
@@ -39,31 +40,6 @@ def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Site, str
     app = sites.empty(tmp_path_factory.mktemp("site"))
     with serving(app) as address:
         yield sites.filled(app, tmp_path_factory.mktemp("recordings")), address
-
-
-def paths(site: Site) -> list[str]:
-    """Every page but those with the viewer."""
-    [pending, *_] = site.episodes(site.running, state=EpisodeState.PENDING)
-    return [
-        "/",
-        "/?split=val&verdict=exact",
-        "/evaluations",
-        "/evaluations/new",
-        "/tasks",
-        "/tasks/push_button_times",
-        *(f"/evaluations/{id}" for id in (site.completed, site.running, site.incomplete)),
-        f"/evaluations/{site.completed}/failures?task=search_drawer",
-        f"/episodes/{pending}",
-        f"/policies/{site.checkpoint}",
-        "/batches",
-        f"/batches/{site.batch}",
-        "/comparisons?a=mine&b=expert",
-        "/snapshots",
-        "/snapshots/1",
-        "/account",
-        "/account/webhooks",
-        f"/account/webhooks/{site.webhook}",
-    ]
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
@@ -102,8 +78,8 @@ def test_a_form_that_is_wrong_says_so_beside_the_field(
 def upload(page: Page, address: str, name: str, content: bytes) -> None:
     """Fills in the form and sends it, by the keyboard."""
     page.goto(f"{address}/evaluations/new")
-    page.focus(".upload summary")
-    page.keyboard.press("Enter")
+    page.focus("[name=source]:checked")
+    page.keyboard.press("ArrowRight")
     page.fill("#name", name)
     page.set_input_files("#file", {"name": "a.safetensors", "mimeType": "", "buffer": content})
     page.focus("#upload [type=submit]")
@@ -117,9 +93,7 @@ def test_a_checkpoint_is_uploaded_and_chosen(
     content = tiny_checkpoint(tmp_path / "a.safetensors").read_bytes()
     with opened(browser, address, WIDTHS["phone"]) as page:
         upload(page, address, "uploaded", content)
-        page.wait_for_selector(
-            "#upload [role=status]:has-text('uploaded@1 is kept')", timeout=120_000
-        )
+        page.wait_for_selector("#kept:has-text('uploaded@1 is kept')", timeout=120_000)
 
         assert page.input_value("#policy") == "uploaded@1"
         assert page.evaluate("document.activeElement.id") == "policy"

@@ -193,11 +193,8 @@ def test_routes_say_that_the_viewer_is_missing(tmp_path: Path) -> None:
     assert response.json()["code"] == "viewer_missing"
 
 
-def test_they_are_made_in_the_background_when_the_server_starts(
-    tmp_path: Path, folder: Path
-) -> None:
+def test_they_are_made_in_the_background_when_the_server_starts(tmp_path: Path) -> None:
     app = sites.empty(tmp_path)
-    copied(folder, app.state.viewer.folder)
     (app.state.viewer.folder / LAYOUT).unlink()
 
     with TestClient(app, base_url="http://127.0.0.1") as client:

@@ -16,7 +16,7 @@ from tests.processes import gone, wait_for
 from tests.seek_model.checkpoints import tiny_checkpoint
 from tests.workers import checkpoint_files
 from workers.evaluation import Evaluation, Watcher, evaluate, missing
-from workers.run_folder import DECISIONS, RESULTS, RunFolder
+from workers.run_folder import DECISIONS, RESULTS, FolderError, RunFolder
 from workers.sandbox.choice import best
 from workers.simulator_process import descendants
 
@@ -103,6 +103,21 @@ def test_a_smaller_request_is_content_with_its_episodes(expert_run: Path) -> Non
     smaller = Evaluation("expert", TASKS[:1], episodes=1)
 
     assert missing(smaller, evaluate(smaller, expert_run)) == []
+
+
+def test_a_named_episode_is_played_alone_and_ends_as_among_others(
+    expert_run: Path, tmp_path: Path
+) -> None:
+    alone = Evaluation("expert", TASKS[:1], indices=(1,), recordings=False)
+
+    results = evaluate(alone, tmp_path / "run")
+
+    assert [(one.task, one.index) for one in results.episodes] == [(TASKS[0], 1)]
+    assert missing(alone, results) == [] and results.complete
+    [among] = [one for one in comparable(expert_run)["episodes"] if one["index"] == 1][:1]
+    assert results.episodes[0].final_state_hash == among["final_state_hash"]
+    with pytest.raises(FolderError, match="episodes 1 of each task, not episodes 0 of each task"):
+        evaluate(replace(alone, indices=(0,)), tmp_path / "run")
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="looks into /proc")

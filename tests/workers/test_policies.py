@@ -1,9 +1,11 @@
 import hashlib
+import json
 from pathlib import Path
 
 import pytest
 
 from hide_tasks import policies as builtin
+from hide_tasks.contract import Stop
 from hide_tasks.suite import episode
 from tests.workers import checkpoint_files
 from tests.workers.test_run_folder import play
@@ -39,7 +41,8 @@ def test_a_researchers_own_class(target: str) -> None:
 )
 def test_anything_else_is_told_what_is_accepted(text: str) -> None:
     with pytest.raises(
-        BadPolicy, match=r"expert, amnesiac, random, noop, replay:DIR .* python:module:Class"
+        BadPolicy,
+        match=r"expert, amnesiac, random, noop, replay:DIR .*replay:FILE.json .*python:module",
     ):
         parse(text)
 
@@ -133,3 +136,24 @@ def test_a_file_that_was_replaced_is_not_played(tmp_path: Path) -> None:
         chosen.make()
     with pytest.raises(BadPolicy, match="was replaced"):
         chosen.check()
+
+
+def test_an_episodes_file_of_actions_is_replayed(tmp_path: Path) -> None:
+    """And its own episode alone."""
+    file = tmp_path / "actions.json"
+    of_it = {"suite": "hide 1", "task": "reopen_drawer", "split": "val", "index": 3}
+    came_to = {"rules": "hide", "policy": "mine", "scene_hash": None, "final_state_hash": None}
+    file.write_text(json.dumps({**of_it, **came_to, "actions": [{"kind": "stop"}]}))
+
+    replay = parse(f"replay:{file}")
+
+    assert replay.for_episode(episode("reopen_drawer", "val", 3)) == Actions([Stop()])
+    with pytest.raises(BadPolicy, match="holds no actions of reopen_drawer-val-002"):
+        replay.for_episode(episode("reopen_drawer", "val", 2))
+
+
+def test_another_document_has_nothing_to_replay(tmp_path: Path) -> None:
+    (tmp_path / "results.json").write_text("{}")
+
+    with pytest.raises(BadPolicy, match=r"results.json holds no actions: suite Field required"):
+        parse(f"replay:{tmp_path / 'results.json'}")

@@ -164,6 +164,7 @@ def test_tasks_and_episodes_may_grow(tmp_path: Path) -> None:
         ({"version": 2}, "version 1, not 2"),
         ({"suite": "rlbench"}, "suite hide, not rlbench"),
         ({"budgets": {TASKS[0]: 25, TASKS[1]: 99}}, "a budget of 35 for search_drawer, not 99"),
+        ({"indices": [3, 7]}, "the first episodes of each task, not episodes 3, 7 of each task"),
         ({"sources": {TASKS[0]: "newer"}}, "another version of push_button_times's sources"),
     ],
 )

@@ -138,6 +138,8 @@ def _as_declared(policy: RemotePolicy, found: object) -> Agreement:
         dialect="hide",
         model=declared.model,
         sessions=declared.max_sessions if declared.stateful else 1,
+        sees=tuple(declared.observation),
+        acts=declared.action.kind,
     )
     return Agreement(about=about, observation=declared.observation, action=declared.action)
 

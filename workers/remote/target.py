@@ -38,6 +38,8 @@ class About(BaseModel):
     dialect: Dialect
     model: str = ""
     sessions: int = 1  # at a time
+    sees: tuple[str, ...] = ()  # entries of its observations, if it declares them
+    acts: str = ""  # the kind of its actions, if it declares it
 
     @computed_field  # type: ignore[prop-decorator]
     @property

@@ -3,20 +3,24 @@
 import io
 
 import pytest
-from fastapi.testclient import TestClient
 from PIL import Image
 
 from hide_tasks.contract import CAMERAS
-from tests.web.conftest import client, site  # noqa: F401
+from tests.server.clients import TestClient
 from tests.web.sites import Site
 
 
-def path(site: Site) -> str:  # noqa: F811
+@pytest.fixture
+def client(site: Site) -> TestClient:
+    return TestClient(site.app, base_url="http://127.0.0.1")
+
+
+def path(site: Site) -> str:
     [id] = site.episodes(site.recorded)
     return f"/api/v1/episodes/{id}"
 
 
-def test_a_preview_has_a_frame_for_each_decision(site: Site, client: TestClient) -> None:  # noqa: F811
+def test_a_preview_has_a_frame_for_each_decision(site: Site, client: TestClient) -> None:
     count = client.get(path(site)).json()["decisions"]
 
     answer = client.get(client.get(path(site)).json()["preview"])
@@ -29,8 +33,8 @@ def test_a_preview_has_a_frame_for_each_decision(site: Site, client: TestClient)
 
 @pytest.mark.parametrize("camera", CAMERAS)
 def test_every_camera_has_a_picture_of_every_decision_and_the_end(
-    site: Site,  # noqa: F811
-    client: TestClient,  # noqa: F811
+    site: Site,
+    client: TestClient,
     camera: str,
 ) -> None:
     count = client.get(path(site)).json()["decisions"]
@@ -47,11 +51,11 @@ def test_every_camera_has_a_picture_of_every_decision_and_the_end(
 
 
 @pytest.mark.parametrize("what", ["observations/0/behind.jpg", "observations/-1/front.jpg"])
-def test_a_picture_that_cannot_be_is_refused(site: Site, client: TestClient, what: str) -> None:  # noqa: F811
+def test_a_picture_that_cannot_be_is_refused(site: Site, client: TestClient, what: str) -> None:
     assert client.get(f"{path(site)}/{what}").status_code == 422
 
 
-def test_an_episode_without_a_recording_has_none(site: Site, client: TestClient) -> None:  # noqa: F811
+def test_an_episode_without_a_recording_has_none(site: Site, client: TestClient) -> None:
     [id, *_] = site.episodes(site.completed)
 
     assert client.get(f"/api/v1/episodes/{id}").json()["preview"] is None
@@ -59,7 +63,7 @@ def test_an_episode_without_a_recording_has_none(site: Site, client: TestClient)
     assert client.get(f"/api/v1/episodes/{id}/observations/0/front.jpg").status_code == 404
 
 
-def test_an_episode_is_held_against_the_experts(site: Site, client: TestClient) -> None:  # noqa: F811
+def test_an_episode_is_held_against_the_experts(site: Site, client: TestClient) -> None:
     [id, *_] = site.episodes(site.completed)
 
     [run] = client.get(f"/api/v1/episodes/{id}/runs").json()

@@ -1,7 +1,10 @@
 /** The form that uploads a checkpoint: hashed, sent piece by piece, tried, chosen in the other form. */
 import { Refused } from "./api.js";
 import { sameHash, showChecks } from "./checks.js";
+import { dropping } from "./drop.js";
 import { digestOf } from "./hash.js";
+import { Pace } from "./pace.js";
+import { arrived, from, refresh } from "./policies.js";
 import { finish, forget, Paused, Sending } from "./tus.js";
 
 const form = /** @type {HTMLFormElement} */ (document.getElementById("upload"));
@@ -14,9 +17,11 @@ const alert = part("[role=alert]");
 const bar = /** @type {HTMLProgressElement} */ (part("progress"));
 const said = part("[role=status]");
 const hashed = part("[data-hash]");
+const shown = part("[data-pace]");
+const pace = new Pace();
 const steps = part(".checks");
 const MEGABYTE = 1e6;
-const SAY_EVERY = 1000; // ms: whoever listens to the page is told no more often
+const SAY_EVERY = 10000; // ms: whoever listens to the page is told no more often
 
 /**
  * An upload of the form's, or one that is to be gone on with.
@@ -26,7 +31,9 @@ const now = { sending: null, running: false, stopped: false };
 /** @type {{name: string, sha256: string} | null} */
 let expected = null;
 let saidAt = 0;
+let telling = "";
 
+dropping(form, () => now.running);
 addEventListener("beforeunload", (event) => now.running && event.preventDefault());
 addEventListener("online", () => now.sending?.hurry());
 pause.addEventListener("click", () => {
@@ -90,7 +97,7 @@ async function prepared(fields) {
   const about = { name, description: String(fields.get("description")), sha256 };
   return new Sending(file, about, {
     progress: (sent) => tell("Sending: ", sent, file.size),
-    trouble: (why, seconds) => say(`${why} Trying again in ${seconds} s; what came is kept.`),
+    trouble: (why, seconds) => interrupted(`${why} Trying again in ${seconds} s; what came is kept.`),
   });
 }
 
@@ -101,27 +108,21 @@ async function prepared(fields) {
 function checked(version) {
   pause.hidden = true; // it is the server's now
   bar.removeAttribute("value");
+  shown.textContent = "";
   say("Sent. The server hashes it, loads it once and asks it for a decision…");
   return version();
 }
 
 /**
- * Shows what became of it, and chooses it in the other form.
+ * Shows what became of it, and chooses it.
  * @param {any} version
  * @param {string} sha256
  */
 async function kept(version, sha256) {
   expected = null;
-  showChecks(steps, [...sameHash(sha256), ...version.checks]);
   form.reset();
-  const chosen = await refresh(version.id);
-  const where = chosen ? "and chosen below" : "load the page again to choose it";
-  say(`${version.policy}@${version.version} is kept, ${where}. `);
-  const link = document.createElement("a");
-  link.href = `/policies/${version.id}`;
-  link.textContent = "Its page";
-  said.append(link);
-  document.getElementById("policy")?.focus();
+  say("");
+  await arrived(version, [...sameHash(sha256), ...version.checks]);
 }
 
 /** @param {unknown} error */
@@ -150,6 +151,7 @@ async function unfinished(row, what) {
   if (what === "choose") {
     expected = { name, sha256 };
     /** @type {HTMLInputElement} */ (form.elements.namedItem("name")).value = name;
+    from("upload");
     say(`Choose the file of ${name} again, the one whose SHA-256 begins with ${sha256.slice(0, 12)}.`);
     return part("[name=file]").focus();
   }
@@ -164,23 +166,6 @@ async function unfinished(row, what) {
   }
 }
 
-/**
- * Lists as the server shows them now, with this policy chosen; the other form stays as it is.
- * @param {string} [id]
- * @returns {Promise<boolean>} whether the server answered
- */
-async function refresh(id) {
-  const query = id ? `?policy=${encodeURIComponent(id)}` : "";
-  const answer = await fetch(`/evaluations/new${query}`).catch(() => null);
-  if (!answer?.ok) return false;
-  const page = new DOMParser().parseFromString(await answer.text(), "text/html");
-  for (const one of ["unfinished", ...(id ? ["policy", "policies"] : [])]) {
-    const fresh = page.getElementById(one);
-    if (fresh) document.getElementById(one)?.replaceWith(fresh);
-  }
-  return true;
-}
-
 // --- what is said ---
 
 /**
@@ -189,8 +174,19 @@ async function refresh(id) {
  * @param {number} size
  */
 function tell(what, done, size) {
+  if (what !== telling) pace.forget();
   bar.value = size ? done / size : 0;
-  if (Date.now() - saidAt > SAY_EVERY) say(`${what}${megabytes(done)} of ${megabytes(size)} MB`);
+  const text = `${what}${megabytes(done)} of ${megabytes(size)} MB`;
+  shown.textContent = text + pace.said(done, size);
+  if (what !== telling || Date.now() - saidAt > SAY_EVERY) say(text);
+  telling = what;
+}
+
+/** The line is cut, or the server is busy: nothing moves. @param {string} text */
+function interrupted(text) {
+  pace.forget();
+  shown.textContent = "";
+  say(text);
 }
 
 /** @param {string} text */
@@ -209,6 +205,9 @@ function busy(running) {
   Object.assign(now, { running, stopped: false });
   send.disabled = running;
   pause.hidden = bar.hidden = !running;
+  pace.forget();
+  telling = "";
+  if (!running) shown.textContent = "";
   if (running) offer(false);
 }
 

@@ -1,5 +1,6 @@
 /** Keeps the page of an evaluation up to date by the server's events; without it a reload does. */
 import { post, Refused } from "./api.js";
+import { keepLive, scrollLog } from "./live.js";
 
 const root = /** @type {HTMLElement} */ (document.getElementById("evaluation"));
 const address = `/api/v1/evaluations/${root.dataset.id}`;
@@ -10,6 +11,7 @@ for (const button of root.querySelectorAll("[data-send]")) {
   button.addEventListener("click", () => send(/** @type {HTMLButtonElement} */ (button)));
 }
 if (root.dataset.ended === "no") watch();
+scrollLog();
 
 /** @param {HTMLButtonElement} button */
 async function send(button) {
@@ -17,8 +19,9 @@ async function send(button) {
   button.disabled = true;
   alert.hidden = true;
   try {
-    await post(`${address}/${button.dataset.send}`);
-    location.reload();
+    const answer = await post(`${address}/${button.dataset.send}`);
+    if (button.dataset.then) location.assign(button.dataset.then + answer.number);
+    else location.reload();
   } catch (error) {
     button.disabled = false;
     if (!(error instanceof Refused)) throw error;
@@ -32,6 +35,8 @@ function watch() {
   /** @type {(name: string, handle: (data: any) => void) => void} */
   const on = (name, handle) =>
     source.addEventListener(name, (event) => handle(JSON.parse(event.data)));
+  const stirred = keepLive(`/evaluations/${root.dataset.id}/live`);
+  for (const name of ["episode", "attempt", "fault", "evaluation"]) on(name, stirred);
   on("episode", showEpisode);
   on("progress", showProgress);
   on("attempt", showAttempt);
@@ -55,6 +60,7 @@ function showEpisode(episode) {
   cell.title = `Episode ${episode.index}: ${said}${why}`;
   cell.setAttribute("aria-label", cell.title);
   showTask(/** @type {HTMLElement} */ (cell.closest("[data-task]")));
+  showTask(/** @type {HTMLElement} */ (cell.closest("[data-kind]")));
 }
 
 /** @param {{state: string, success: boolean | null, exact: boolean | null}} episode */

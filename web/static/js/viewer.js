@@ -1,6 +1,7 @@
 /** The Rerun viewer in a page: it opens a recording, seeks, and tells where it is. */
 
 const SECOND = 1e9; // nanoseconds
+const DECISION = "decision"; // the viewer's timeline of decisions, beside that of time
 const PATIENCE = 50; // tries to seek in a recording that is still loading, 0.2 s each
 const NARROW = 700; // pixels: no room for the viewer's own top bar
 
@@ -15,6 +16,8 @@ window.fetch = async (input, options) => {
   return new Response("{}", { status: 404, headers: { "Content-Type": "application/json" } });
 };
 
+/** @typedef {{time: number | bigint, timeline?: string, timeline_name?: string}} Shown */
+
 export class Replay {
   /** @param {HTMLElement} place */
   constructor(place) {
@@ -24,31 +27,33 @@ export class Replay {
     this.playing = false;
     /** @type {any} */
     this.viewer = null;
-    /** @type {number | null} */
+    /** @type {{seconds: number, decision: number} | null} */
     this.wanted = null;
     this.opened = false;
   }
 
   /**
    * Start the viewer with the recording.
-   * @param {{opened: () => void, moved: (time: number, timeline: string) => void, played: (playing: boolean) => void}} told
+   * @param {{moved: (time: number, timeline: string) => void, played: (playing: boolean) => void}} told
    * @throws when the browser cannot run it
    */
   async start(told) {
     const { script = "", layout = "", recording = "" } = this.place.dataset;
     const { WebViewer } = await import(script);
     this.viewer = new WebViewer();
-    this.viewer.on("time_update", ({ time }) => told.moved(time, this.timeline));
-    this.viewer.on("timeline_change", ({ timeline, timeline_name, time }) => {
-      this.timeline = timeline_name ?? timeline;
-      told.moved(time, this.timeline);
+    /** On its way to a moment that was asked for it passes others. @param {number} time */
+    const moved = (time) => this.wanted || told.moved(time, this.timeline);
+    this.viewer.on("time_update", (/** @type {Shown} */ { time }) => moved(Number(time)));
+    this.viewer.on("timeline_change", (/** @type {Shown} */ { timeline, timeline_name, time }) => {
+      this.timeline = timeline_name ?? timeline ?? this.timeline;
+      moved(Number(time));
     });
-    this.viewer.on("play", () => told.played((this.playing = true)));
+    this.viewer.on("play", () => {
+      this.wanted = null; // who plays in the viewer goes on from where it is
+      told.played((this.playing = true));
+    });
     this.viewer.on("pause", () => told.played((this.playing = false)));
-    this.viewer.on("recording_open", () => {
-      told.opened();
-      this.#open();
-    });
+    this.viewer.on("recording_open", () => this.#open());
     await this.viewer.start(null, this.place, {
       hide_welcome_screen: true,
       allow_fullscreen: false,
@@ -64,32 +69,54 @@ export class Replay {
     await this.viewer.open(absolute(recording));
   }
 
-  /** Show a moment. The last of several quick calls counts. @param {number} seconds */
-  async seek(seconds) {
+  /**
+   * Show a moment, on the timeline that the viewer shows. The last of several quick calls counts.
+   * @param {number} seconds @param {number} decision
+   */
+  async seek(seconds, decision) {
     const waiting = this.wanted !== null;
-    this.wanted = seconds;
+    this.wanted = { seconds, decision };
     if (waiting || !this.opened) return;
     for (let tries = 0; this.wanted !== null; tries++) {
-      const nanoseconds = Math.round(this.wanted * SECOND);
-      await this.#set({ timeline: "time", duration_nanos: nanoseconds, play_state: "paused" });
-      const there = tries > PATIENCE || (await this.#isAt(nanoseconds));
-      if (this.wanted !== null && Math.round(this.wanted * SECOND) !== nanoseconds) tries = 0;
+      /** @type {{seconds: number, decision: number}} */
+      const wanted = this.wanted;
+      await this.#set({ ...this.#time(wanted), play_state: "paused" });
+      const there = tries > PATIENCE || (await this.#isAt(wanted));
+      if (this.wanted !== wanted) tries = 0;
       else if (there) this.wanted = null;
       else await new Promise((resolve) => setTimeout(resolve, 200));
     }
   }
 
-  /** While it loads, the viewer goes no further than what it has. @param {number} nanoseconds */
-  async #isAt(nanoseconds) {
-    const state = await this.viewer.get_state();
-    const time = state?.recordings?.[0]?.current_time?.time;
-    return time !== undefined && Math.abs(Number(time) - nanoseconds) < 1e6;
+  /** Pass a moment, without making sure. @param {number} seconds @param {number} decision */
+  glide(seconds, decision) {
+    if (!this.opened) this.wanted = { seconds, decision };
+    else if (!this.wanted) this.#set({ ...this.#time({ seconds, decision }), play_state: "paused" });
   }
 
-  /** @param {boolean} playing */
-  async play(playing) {
-    this.wanted = null;
-    if (this.opened) await this.#set({ timeline: "time", play_state: playing ? "playing" : "paused" });
+  /** @param {{seconds: number, decision: number}} wanted */
+  #time({ seconds, decision }) {
+    if (this.timeline === DECISION) return { timeline: DECISION, sequence: decision };
+    return { timeline: "time", duration_nanos: Math.round(seconds * SECOND) };
+  }
+
+  /** While it loads, the viewer goes no further than what it has. @param {{seconds: number, decision: number}} wanted */
+  async #isAt(wanted) {
+    const state = await this.viewer.get_state();
+    const time = state?.recordings?.[0]?.current_time?.time;
+    const { sequence, duration_nanos: nanoseconds = 0 } = this.#time(wanted);
+    if (time === undefined) return false;
+    return sequence === undefined ? Math.abs(Number(time) - nanoseconds) < 1e6 : Number(time) === sequence;
+  }
+
+  /** @param {boolean} playing @param {number} [from] seconds */
+  async play(playing, from) {
+    if (!this.opened) return;
+    if (playing) this.wanted = null;
+    else if (!this.playing) return;
+    const start = from === undefined ? {} : { duration_nanos: Math.round(from * SECOND) };
+    const timeline = playing ? "time" : this.timeline; // decisions would pass 30 a second
+    await this.#set({ timeline, ...start, play_state: playing ? "playing" : "paused" });
   }
 
   async #open() {
@@ -99,7 +126,7 @@ export class Replay {
     const wanted = this.wanted;
     this.wanted = null;
     if (this.live && wanted === null) await this.#set({ timeline: "time", play_state: "following" });
-    else await this.seek(wanted ?? 0);
+    else await this.seek(wanted?.seconds ?? 0, wanted?.decision ?? 0);
   }
 
   /** @param {object} time */

@@ -1,0 +1,75 @@
+"""Publishing an evaluation: the leaderboard is kept with it in it, under a permanent link.
+
+Nothing is published below 100 % coverage: neither part of a suite nor an unfinished evaluation.
+"""
+
+from sqlalchemy import select
+from sqlalchemy.orm import Session
+
+from hide_tasks import ALL_TASKS, suite
+from server import snapshots
+from server.models import Evaluation, LeaderboardSnapshot
+from server.problems import Problem
+from server.schemas import PublicationPublic
+from server.states import EvaluationState
+
+
+def of(session: Session, evaluation: Evaluation) -> PublicationPublic:
+    """Whether an evaluation may be published, why not, and where it was."""
+    why = hindrance(session, evaluation)
+    held = session.scalars(
+        select(LeaderboardSnapshot)
+        .where(LeaderboardSnapshot.content.contains(f'"evaluation":"{evaluation.id}"'))
+        .order_by(LeaderboardSnapshot.number)
+    )
+    return PublicationPublic(
+        publishable=why is None,
+        reason=why,
+        snapshots=[snapshots.public(one) for one in held],
+    )
+
+
+def hindrance(session: Session, one: Evaluation) -> str | None:
+    """Why an evaluation may not be published; None if it may."""
+    if one.state != EvaluationState.COMPLETED:
+        return f"It is {one.state}; nothing is published before every episode is final."
+    if missing := set(ALL_TASKS) - set(one.tasks):
+        return (
+            f"It lacks {len(missing)} of the suite's {len(ALL_TASKS)} tasks; nothing is published "
+            "below 100 % coverage."
+        )
+    most = suite.SPLITS.get(one.split)  # type: ignore[call-overload]
+    if one.episodes != most:
+        return (
+            f"It played {one.episodes} of {most} episodes a task; nothing is published below "
+            "100 % coverage."
+        )
+    if one.rules != "hide" or (one.suite, one.suite_version) != (suite.SUITE, suite.VERSION):
+        return "The leaderboard holds evaluations by the rules 'hide' of the present suite alone."
+    return _superseded(session, one)
+
+
+def _superseded(session: Session, one: Evaluation) -> str | None:
+    newer = session.scalar(
+        select(Evaluation.id)
+        .where(
+            Evaluation.policy_version_id == one.policy_version_id,
+            Evaluation.split == one.split,
+            Evaluation.rules == one.rules,
+            Evaluation.episodes == one.episodes,
+            Evaluation.state == EvaluationState.COMPLETED,
+            Evaluation.id > one.id,
+        )
+        .order_by(Evaluation.id.desc())
+    )
+    return f"The leaderboard shows a newer one of this version, {newer}." if newer else None
+
+
+def require_publishable(session: Session, evaluation: Evaluation) -> None:
+    """Does nothing if an evaluation may be published.
+
+    Raises:
+        Problem: 409, it may not.
+    """
+    if why := hindrance(session, evaluation):
+        raise Problem(409, "not_publishable", why)

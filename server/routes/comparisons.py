@@ -1,0 +1,116 @@
+"""Several policies on the same episodes, and the ablations; both as files."""
+
+from typing import Annotated
+
+from fastapi import Depends, Query
+from fastapi.responses import StreamingResponse
+from pydantic import StringConstraints
+
+from hide_tasks.contract import Split
+from server import ablation_exports, ablations, comparison_exports, several
+from server.ablation_rows import Size
+from server.ablation_schemas import Ablations
+from server.ablations import Asked
+from server.access import Router, Scope, needs
+from server.board_exports import LeaderboardFormat
+from server.comparison_schemas import SeveralComparison
+from server.deps import Reading
+from server.revalidation import Revalidate
+from server.routes.exports import file_of, of_formats
+from server.schemas import Verdict
+
+router = Router(tags=["catalogue"])
+
+SEVERAL = "/comparisons/several"
+Named = Annotated[str, StringConstraints(min_length=1, max_length=100)]
+Policies = Annotated[
+    list[Named],
+    Query(
+        min_length=several.FEWEST,
+        max_length=several.MOST,
+        description="Evaluations' ids, or policies: name, name@version. Once for each.",
+    ),
+]
+ABLATIONS = "/ablations"
+OnSplit = Annotated[Split, Query(description="Of policies: where they are compared.")]
+
+
+@router.get(SEVERAL)
+@needs(Scope.READ)
+def compare_several(
+    session: Reading,
+    revalidate: Revalidate,
+    policy: Policies,
+    split: OnSplit = "test",
+    verdict: Verdict = "success",
+) -> SeveralComparison:
+    """Two to six policies on the episodes that all of them played.
+
+    Rates and rank sets together and per category, every pair's difference with its interval and
+    p-value (McNemar's mid-p, Holm's correction over the pairs), and what each made of each episode.
+    """
+    ones = several.found(session, policy, split)
+    revalidate.unless(*((one.id, one.state) for one in ones), verdict)
+    return several.compare(session, ones, verdict=verdict)
+
+
+@router.get(
+    SEVERAL + "/export", response_class=StreamingResponse, responses=of_formats(LeaderboardFormat)
+)
+@needs(Scope.READ)
+def export_comparison(
+    session: Reading,
+    policy: Policies,
+    format: LeaderboardFormat = LeaderboardFormat.CSV,
+    split: OnSplit = "test",
+    verdict: Verdict = "success",
+) -> StreamingResponse:
+    """A comparison as a file: JSON, CSV with a line per episode, or LaTeX rows of the paper's
+    table with every pair's test in comments."""
+    compared = several.compare(session, several.found(session, policy, split), verdict=verdict)
+    pieces = comparison_exports.of_comparison(compared, format)
+    return file_of(pieces, f"comparison-{split}-{verdict}", format.value)
+
+
+def _ablations_asked(
+    split: Split = "test",
+    verdict: Verdict = "success",
+    size: Annotated[Size, Query(description="Of the presets: on two cores, or as published.")] = (
+        "small"
+    ),
+    clock: Annotated[
+        bool, Query(description="Policies that are told the number of the decision.")
+    ] = False,
+) -> Asked:
+    return Asked(split, verdict, size, clock)
+
+
+WhichAblations = Annotated[Asked, Depends(_ablations_asked)]
+
+
+@router.get(ABLATIONS)
+@needs(Scope.READ)
+def get_ablations(session: Reading, revalidate: Revalidate, asked: WhichAblations) -> Ablations:
+    """Memory's content, length and components, as in the paper's table and figure.
+
+    A checkpoint stands in the cell that its configuration says, with its latest whole evaluation;
+    of several versions in one cell the mean is given, and each. Neighbours are tested on the same
+    episodes, with Holm's correction in each block. The paper's figures are of another simulator.
+    """
+    revalidate.unless(*asked, *ablations.standing(session, asked.split))
+    return ablations.ablations(session, asked)
+
+
+@router.get(
+    ABLATIONS + "/export", response_class=StreamingResponse, responses=of_formats(LeaderboardFormat)
+)
+@needs(Scope.READ)
+def export_ablations(
+    session: Reading,
+    asked: WhichAblations,
+    format: LeaderboardFormat = LeaderboardFormat.CSV,
+) -> StreamingResponse:
+    """The ablations as a file: JSON, CSV with a line per row, LaTeX rows of the paper's table."""
+    found = ablations.ablations(session, asked)
+    pieces = ablation_exports.of_ablations(found, format)
+    return file_of(pieces, f"ablations-{asked.size}-{asked.split}-{asked.verdict}", format.value)

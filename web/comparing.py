@@ -1,0 +1,116 @@
+"""What the page of a comparison is asked for, and how it stands in the address."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Annotated, Any
+from urllib.parse import urlencode
+
+from fastapi import Query
+
+from hide_tasks.contract import Category, Split
+from server.comparison_schemas import SeveralComparison, SeveralEpisode
+from server.schemas import Verdict
+from web.episode_grid import LETTERS
+from web.filters import EMPTY_IS_NONE
+
+MOST_TYPED = 20  # fields of the form; more than can be compared, so that it can say so
+WHICH = "^(all|differ|every|none|only_[a-f]|lacks_[a-f])$"
+
+Typed = Annotated[list[Annotated[str, Query(max_length=200)]], Query(max_length=MOST_TYPED)]
+Side = Annotated[str, Query(max_length=200)]
+Which = Annotated[str, Query(pattern=WHICH)]
+OneCategory = Annotated[Category | None, Query(), EMPTY_IS_NONE]
+OneTask = Annotated[str, Query(max_length=80)]
+
+
+@dataclass(frozen=True)
+class Asked:
+    """A comparison as it is asked for."""
+
+    policies: list[str]
+    split: Split = "test"
+    verdict: Verdict = "success"
+    category: Category | None = None
+    which: str = "all"
+    task: str = ""
+
+    def address(self, **changed: Any) -> str:
+        """Where the page stands, with something else instead; defaults are left out."""
+        fields = {**vars(self), **changed}
+        pairs = [("policy", one) for one in fields["policies"]]
+        pairs += [
+            (name, str(getattr(fields[name], "value", fields[name])))
+            for name in ("split", "verdict", "category", "which", "task")
+            if fields[name] not in (None, "") and fields[name] != DEFAULTS[name]
+        ]
+        return f"/comparisons?{urlencode(pairs)}" if pairs else "/comparisons"
+
+    def without(self, place: int) -> str:
+        """The same comparison with one policy less."""
+        left = [one for at, one in enumerate(self.policies) if at != place]
+        return self.address(policies=left, which="all")
+
+    def with_(self, name: str) -> str:
+        """The same comparison with one policy more."""
+        return self.address(policies=[*self.policies, name])
+
+    def export(self, format: str) -> str:
+        """The comparison as a file."""
+        pairs = [("policy", one) for one in self.policies]
+        pairs += [("split", self.split), ("verdict", self.verdict), ("format", format)]
+        return f"/api/v1/comparisons/several/export?{urlencode(pairs)}"
+
+    @property
+    def shows(self) -> Callable[[SeveralEpisode], bool]:
+        """True of the episodes that are asked for by who managed them."""
+        kind, _, letter = self.which.partition("_")
+        place = LETTERS.lower().find(letter) if letter else -1
+        return lambda one: _fits(kind, place, one.managed)
+
+    def listed(self, found: SeveralComparison) -> list[SeveralEpisode]:
+        """The episodes that are asked for by category, task, and who managed them."""
+        return [
+            one
+            for one in found.episodes
+            if self.category in (None, one.category)
+            and self.task in ("", one.task)
+            and self.shows(one)
+        ]
+
+
+DEFAULTS: dict[str, Any] = {
+    "split": "test",
+    "verdict": "success",
+    "category": None,
+    "which": "all",
+    "task": "",
+}
+
+
+def _fits(kind: str, place: int, managed: Sequence[bool]) -> bool:
+    if kind in ("only", "lacks"):
+        alone = kind == "only"
+        return place < len(managed) and all(
+            good == ((at == place) == alone) for at, good in enumerate(managed)
+        )
+    return {
+        "all": True,
+        "differ": len(set(managed)) > 1,
+        "every": all(managed),
+        "none": not any(managed),
+    }[kind]
+
+
+def choices(count: int) -> list[tuple[str, str]]:
+    """The values of `which` for as many policies, and what they are called."""
+    everybody, nobody = ("both", "neither") if count == 2 else ("all", "none")
+    found = [
+        ("all", "all episodes"),
+        ("differ", "where they differ"),
+        ("every", f"{everybody} managed"),
+        ("none", f"{nobody} managed"),
+    ]
+    found += [(f"only_{one.lower()}", f"only {one} managed") for one in LETTERS[:count]]
+    if count > 2:
+        found += [(f"lacks_{one.lower()}", f"only {one} failed") for one in LETTERS[:count]]
+    return found
