@@ -52,20 +52,24 @@ def whole(board: Leaderboard, remarks: Iterable[str], kinds: Sequence[str]) -> s
         _head(kinds),
         *latex.marked(ranked, board.verdict, kinds),
         *_references(references, board, kinds, divided=bool(ranked)),
-        CLOSING,
+        _closing(kinds),
     ]
     return "".join(parts)
 
 
-CLOSING = r"""        \bottomrule
-    \end{tabular}%
-    }
-\end{table*}
-"""
+def _closing(kinds: Sequence[str]) -> str:
+    fitted = "    }\n" if _fitted(kinds) else ""
+    return f"        \\bottomrule\n    \\end{{tabular}}%\n{fitted}\\end{{table*}}\n"
+
+
+def _fitted(kinds: Sequence[str]) -> bool:
+    """One category is narrower than a page, and would be blown up."""
+    return len(kinds) > 1
 
 
 def _opening(board: Leaderboard, kinds: Sequence[str]) -> str:
     columns = "".join(rf"ccccc>{{\columncolor{{{COLOUR_OF[kind]}!12}}}}c" for kind in kinds)
+    fitted = "    \\resizebox{\\textwidth}{!}{%\n" if _fitted(kinds) else ""
     return rf"""\begin{{table*}}[t]
     \centering
     \caption{{
@@ -75,8 +79,7 @@ def _opening(board: Leaderboard, kinds: Sequence[str]) -> str:
     \scriptsize
     \setlength{{\tabcolsep}}{{2.4pt}}
     \renewcommand{{\arraystretch}}{{1.10}}
-    \resizebox{{\textwidth}}{{!}}{{%
-    \begin{{tabular}}{{@{{}}l>{{\columncolor{{HIDEOverall!10}}}}c{columns}@{{}}}}
+{fitted}    \begin{{tabular}}{{@{{}}l>{{\columncolor{{HIDEOverall!10}}}}c{columns}@{{}}}}
 """
 
 
