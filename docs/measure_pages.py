@@ -144,6 +144,7 @@ def pages(server: RunningServer) -> dict[str, list[str]]:
         "evaluation": [f"/evaluations/{id}" for id in ids],
         "failures": [f"/evaluations/{id}/failures" for id in ids],
         "failures, filtered": [f"/evaluations/{id}/failures?category=RC" for id in ids],
+        "failures of all": ["/failures", "/failures?task=push_button_times"],
         "evaluations": ["/evaluations", "/evaluations?policy=model-007"],
     }
 

@@ -3,7 +3,7 @@
 from pydantic import BaseModel
 
 from hide_tasks.contract import Category, Failure, Rules, Split
-from server.schemas import Compared, Paired, PolicyFacts, RatePublic, Verdict
+from server.schemas import BeliefPublic, Compared, Paired, PolicyFacts, RatePublic, Verdict
 
 
 class Entrant(Compared):
@@ -28,6 +28,7 @@ class Figures(BaseModel):
     exact: RatePublic
     gap: RatePublic  # managed, but not exactly
     decisions: Mean  # in the episodes that all managed
+    belief: BeliefPublic | None  # over its whole evaluation; null where it says nothing
 
 
 class PairComparison(Paired):

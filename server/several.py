@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import combinations
+from itertools import combinations, compress
 from typing import NamedTuple
 
 import numpy as np
@@ -12,7 +12,7 @@ from sqlalchemy.orm import Session
 
 from hide_tasks import load
 from hide_tasks.contract import Category, Split
-from server import comparisons, facts, statistics
+from server import belief_scores, comparisons, facts, statistics
 from server.comparison_schemas import (
     Entrant,
     Figures,
@@ -25,7 +25,7 @@ from server.comparison_schemas import (
 )
 from server.models import Episode, Evaluation
 from server.problems import invalid
-from server.schemas import RatePublic, Verdict
+from server.schemas import BeliefPublic, RatePublic, Verdict
 from server.states import EvaluationState
 from server.statistics import Table
 
@@ -143,7 +143,7 @@ def compare(
         overall=_group(played, None),
         categories={str(kind): _group(played, kind) for kind in Category if kind in categories},
         tasks=[_task(played, task) for task in played.tasks],
-        figures=_figures(played),
+        figures=_figures(session, ones, played),
         episodes=_episodes(played),
     )
 
@@ -214,21 +214,26 @@ def _task(played: _Played, task: str) -> SeveralTask:
     return SeveralTask(task=task, category=load(task).category, rates=_rates(played.of(task=task)))
 
 
-def _figures(played: _Played) -> list[Figures]:
+def _figures(session: Session, ones: Sequence[Evaluation], played: _Played) -> list[Figures]:
+    said = belief_scores.told(session, [one.id for one in ones])
     managed: list[bool] = np.all(played.good, axis=0).tolist()
-    told = []
-    for rows in played.rows:
-        success, exact = (sum(getattr(row, name) for row in rows) for name in ("success", "exact"))
-        taken = [row.decisions for row, all_did in zip(rows, managed, strict=True) if all_did]
-        told.append(
-            Figures(
-                success=RatePublic.of(success, len(rows)),
-                exact=RatePublic.of(exact, len(rows)),
-                gap=RatePublic.of(sum(row.success and not row.exact for row in rows), len(rows)),
-                decisions=_mean(taken),
-            )
-        )
-    return told
+    return [
+        _figures_of(rows, managed, said[one.id])
+        for one, rows in zip(ones, played.rows, strict=True)
+    ]
+
+
+def _figures_of(
+    rows: Sequence[_Row], managed: Sequence[bool], belief: BeliefPublic | None
+) -> Figures:
+    count = len(rows)
+    return Figures(
+        success=RatePublic.of(sum(row.success for row in rows), count),
+        exact=RatePublic.of(sum(row.exact for row in rows), count),
+        gap=RatePublic.of(sum(row.success and not row.exact for row in rows), count),
+        decisions=_mean([row.decisions for row in compress(rows, managed)]),
+        belief=belief,
+    )
 
 
 def _mean(values: Sequence[int]) -> Mean:

@@ -71,7 +71,7 @@ def _cell(one: SeveralEpisode) -> Markup:
     said = f"{one.task} {one.index}: {who(one)}"
     back = element("rect", x=x, width=WIDTH, height=height - 1, rx=1)
     marks = [back, element("path", d=full)] if full else [back]
-    return element("a", element("title", said), *marks, href=beside(one), aria_label=said)
+    return element("a", element("title", said), *marks, href=beside(one))
 
 
 def _dot(one: SeveralEpisode, height: int) -> Markup:

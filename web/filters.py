@@ -47,6 +47,11 @@ class Filters(Wanted):
         kept = self.model_dump(mode="json", exclude_defaults=True, exclude={"cursor"})
         return {**kept, **changed}
 
+    def inputs(self, **changed: object) -> list[tuple[str, str]]:
+        """The same for a form: a hidden input each."""
+        several = {k: v if isinstance(v, list) else [v] for k, v in self.fields(**changed).items()}
+        return [(name, str(value)) for name, values in several.items() for value in values if value]
+
     def of_episode(self) -> dict[str, Any]:
         """What stands in the address of an episode of the list: never nothing."""
         return self.fields(verdict=self.verdict or ["inexact"])

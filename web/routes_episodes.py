@@ -9,7 +9,7 @@ from pydantic import Field
 from sqlalchemy.orm import Session
 
 from hide_tasks.contract import CAMERAS, Failure, Value
-from server import divergence, episodes, evaluations, reruns
+from server import divergence, episodes, evaluations, labels, reruns
 from server.access import Router, Scope, needs
 from server.beliefs import checked
 from server.deps import Reading
@@ -51,6 +51,8 @@ def show_episode(
         "before": before,
         "after": after,
         "filters": view,
+        "labels": labels.of_episode(session, id),
+        "used": labels.counted(session),
         "cameras": CAMERAS,
         "script": f"/viewer/{viewer.version}/{SCRIPT}",
         "layout": f"/viewer/{viewer.version}/{LAYOUT}?v={viewer.layout_version}",

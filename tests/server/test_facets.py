@@ -18,6 +18,7 @@ from server.users import register_owner
 from tests.server import ledgers
 
 TASKS = ["push_button_times", "search_drawer"]
+pytestmark = pytest.mark.usefixtures("on_each_database")
 
 
 def outcome(spec: EpisodeSpec) -> Failure | None:
@@ -27,7 +28,10 @@ def outcome(spec: EpisodeSpec) -> Failure | None:
 
 
 @pytest.fixture(scope="module")
-def session(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Session]:
+def session(
+    on_each_database: str,  # noqa: ARG001
+    tmp_path_factory: pytest.TempPathFactory,
+) -> Iterator[Session]:
     """Two policies' evaluations of two tasks, with labels on two episodes."""
     folder = tmp_path_factory.mktemp("facets")
     database = ledgers.opened(folder)

@@ -1,7 +1,9 @@
 """An episode's page in a real browser: everything follows the moment, viewer or not."""
 
 from collections.abc import Iterator
+from typing import Any
 
+import httpx
 import pytest
 from playwright.sync_api import Browser, Page
 
@@ -28,13 +30,22 @@ def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Site, str
     app = sites.empty(tmp_path_factory.mktemp("site"))
     with serving(app) as address:
         site = sites.filled(app, tmp_path_factory.mktemp("recordings"))
-        sites.recorded_run(site.hub, tmp_path_factory.mktemp("others"), "amnesiac")
+        sites.recorded_run(site.hub, tmp_path_factory.mktemp("others"), "random")
         yield site, address
 
 
 def page_of(site: Site, address: str, query: str = "") -> str:
     [id] = site.episodes(site.recorded)
     return f"{address}/episodes/{id}{query}"
+
+
+def listed(address: str) -> list[dict[str, Any]]:
+    """Every episode of a task, by REST."""
+    answer = httpx.get(
+        f"{address}/api/v1/episodes?task=push_button_times&limit=200", trust_env=False
+    )
+    found: list[dict[str, Any]] = answer.raise_for_status().json()["items"]
+    return found
 
 
 def moment_of(page: Page, decision: int) -> float:
@@ -82,6 +93,25 @@ def test_everything_follows_the_moment_by_keyboard_alone(
         page.keyboard.press("End")
         assert page.evaluate(NOW) == "the end"
         assert "/observations/8/front.jpg" in page.evaluate(PICTURE)
+
+
+def test_a_decision_that_took_no_time_is_shown_as_well(
+    served: tuple[Site, str], browser: Browser
+) -> None:
+    _, address = served
+    [other] = [one for one in listed(address) if one["policy"] == "random" and one["recording"]]
+    with opened(browser, address, 1200) as page:
+        blind(page, f"{address}/episodes/{other['id']}")
+        moments = (page.get_attribute("#timeline", "data-moments") or "").split()
+        assert len(set(moments)) < len(moments)  # some could not be reached
+
+        for decision in range(1, len(moments)):
+            page.keyboard.press("ArrowRight")
+            named = f"decision {decision} of {len(moments) - 1}"
+            assert page.evaluate(NOW) == (named if decision < len(moments) - 1 else "the end")
+        for decision in range(len(moments) - 2, -1, -1):
+            page.keyboard.press("ArrowLeft")
+            assert page.evaluate(NOW) == f"decision {decision} of {len(moments) - 1}"
 
 
 def test_it_plays_without_the_viewer_and_faster(served: tuple[Site, str], browser: Browser) -> None:
@@ -137,7 +167,8 @@ def test_two_runs_stand_beside_each_other_and_move_together(
         assert page.inner_text("[data-place=there]") == "decision 2"
         page.focus("#timeline")
         page.keyboard.press("End")
-        assert page.inner_text("[data-place=there]") == "the end"
+        assert page.inner_text("[data-place=here]") == "the end"
+        assert page.inner_text("[data-place=there]") == "decision 8"  # it has more
         assert page.evaluate("document.documentElement.scrollWidth - innerWidth") <= 0
         page.locator("body").press("c")
         page.wait_for_url(lambda url: "beside" not in url)

@@ -23,6 +23,7 @@ from web.wording import FAILURES, OUTCOMES, words
 WHOLE = ["/", "/?verdict=exact", "/?split=val", "/evaluations", "/evaluations/new", "/tasks"]
 WHOLE += ["/policies/mine", "/policies/expert@1", "/batches", "/snapshots", "/snapshots/1"]
 WHOLE += ["/snapshots/1?verdict=exact", "/comparisons", "/comparisons?a=mine&b=expert"]
+WHOLE += ["/ablations", "/ablations?size=paper&clock=true&verdict=exact"]
 WHOLE += ["/account", "/account/webhooks"]
 STATES = ["completed", "running", "queued", "incomplete", "cancelled", "recorded"]
 
@@ -273,8 +274,9 @@ def test_a_comparison_shows_the_figures_of_the_api(client: TestClient) -> None:
     assert all(f"{counts[one] or '<td>0'}</" in row for one in ("only_a", "only_b"))
     assert f"<b>{100 * found['overall']['difference']:+.0f}</b>".replace("-", "−") in row
     for one in found["discordant"][:3]:
-        assert f'href="/episodes/{one["a"]}"' in text and f'href="/episodes/{one["b"]}"' in text
-    assert text.count('<tr><th scope="row"><abbr class="category') == len(ALL_TASKS)
+        assert f'href="/episodes/{one["a"]}?beside={one["b"]}"' in text
+    table = text.partition('id="tasks-title"')[2].partition("</section>")[0]
+    assert table.count('<tr><th scope="row"><abbr class="category') == len(ALL_TASKS)
 
 
 @pytest.mark.parametrize(
@@ -380,7 +382,8 @@ def test_an_episode_shows_hidden_state_belief_checks_and_decisions(
 
     text = page(client, f"/episodes/{id}")
 
-    for lane in ("hidden</small> presses done", "belief</small> stage count", "check</small>"):
+    lanes = ("hidden</small> presses done", "truth</small> stages done", "belief</small> anchor")
+    for lane in (*lanes, "check</small>"):
         assert lane in text
     assert 'role="slider"' in text
     assert 'data-recording="/api/v1/episodes/' in text

@@ -39,7 +39,7 @@ function sought(seconds) {
 async function start(replay) {
   try {
     await replay.start({
-      moved: (time, name) => player?.moved(secondsOf(time, name)),
+      moved: (time, name) => player?.moved(...momentOf(time, name)),
       played: (playing) => player?.told(playing),
     });
   } catch (error) {
@@ -47,10 +47,14 @@ async function start(replay) {
   }
 }
 
-/** Simulated seconds of a viewer's time. @param {number} time @param {string} name */
-function secondsOf(time, name) {
-  if (name === "decision") return timeline?.moments[Math.min(time, timeline.moments.length - 1)] ?? 0;
-  return time / 1e9;
+/**
+ * Simulated seconds of a viewer's time, and the decision where that is known.
+ * @param {number} time @param {string} name @returns {[number, number?]}
+ */
+function momentOf(time, name) {
+  if (name !== "decision" || !timeline) return [time / 1e9];
+  const decision = Math.min(time, timeline.moments.length - 1);
+  return [timeline.moments[decision], decision];
 }
 
 /** @param {unknown} error */
@@ -74,7 +78,8 @@ function follow(timeline) {
   });
   steps?.addEventListener("click", step);
   if (steps) steps.querySelectorAll("[hidden]").forEach((one) => one.removeAttribute("hidden"));
-  timeline.go(timeline.moments[Number(root.dataset.at)] ?? 0);
+  const at = Number(root.dataset.at);
+  timeline.go(timeline.moments[at] ?? 0, at);
 }
 
 /** Another decision is shown. @param {number} decision */
@@ -130,7 +135,7 @@ function onClick(event) {
   else if (target.closest("#play")) player?.toggle();
   else if (seek && !("leave" in seek.dataset) && !event.metaKey && !event.ctrlKey) {
     event.preventDefault();
-    timeline?.go(Number(seek.dataset.seek));
+    timeline?.go(Number(seek.dataset.seek), Number(seek.dataset.number));
   }
 }
 

@@ -91,7 +91,8 @@ function show(refused) {
     const place = steps.querySelector(`[data-field="${CSS.escape(field.split(".")[0])}"]`);
     if (place) place.textContent = message;
     else elsewhere.push(`${field}: ${message}`);
-    form.elements.namedItem(field)?.setAttribute?.("aria-invalid", "true");
+    const named = form.elements.namedItem(field);
+    if (named instanceof Element) named.setAttribute("aria-invalid", "true");
   }
   alert.textContent = [refused.message, ...elsewhere].join(" ");
   alert.hidden = false;

@@ -64,7 +64,7 @@ function follow(way) {
 
 function label() {
   const details = current()?.querySelector("details");
-  if (!details || details.hidden) return;
+  if (!details) return;
   details.open = true;
   details.querySelector("input")?.focus();
 }

@@ -11,7 +11,6 @@ const WRONG = "A label is small letters, digits and . _ : - alone.";
 /** Bring the labels of a page to life. @param {ParentNode} [within] */
 export function start(within = document) {
   for (const place of /** @type {NodeListOf<HTMLElement>} */ (within.querySelectorAll("[data-labels]"))) {
-    for (const one of place.querySelectorAll(".say, .withdraw")) /** @type {HTMLElement} */ (one).hidden = false;
     place.addEventListener("click", (event) => onClick(place, event));
     place.querySelector("form")?.addEventListener("submit", (event) => onSubmit(place, event));
     place.addEventListener("keydown", (event) => event.key === "Escape" && close(place));

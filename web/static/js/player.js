@@ -37,9 +37,9 @@ export class Player {
     this.#say();
   }
 
-  /** The viewer is at another moment. @param {number} seconds */
-  moved(seconds) {
-    if (!this.running) this.timeline.show(seconds);
+  /** The viewer is at another moment. @param {number} seconds @param {number} [decision] */
+  moved(seconds, decision) {
+    if (!this.running) this.timeline.show(seconds, decision);
   }
 
   /** The viewer began or ended playing by itself. @param {boolean} playing */

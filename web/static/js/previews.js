@@ -16,7 +16,6 @@ class Preview {
     this.button = /** @type {HTMLButtonElement} */ (card.querySelector("button.play"));
     this.thumbnail = this.image.src;
     this.pressed = false;
-    this.button.hidden = false;
     this.button.addEventListener("click", () => this.press());
     card.querySelector(".picture")?.addEventListener("pointerenter", (event) => {
       if (/** @type {PointerEvent} */ (event).pointerType === "mouse") this.invite();

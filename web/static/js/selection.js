@@ -7,13 +7,10 @@ const form = /** @type {HTMLFormElement | null} */ (document.getElementById("lab
 const boxes = () => [...document.querySelectorAll(/** @type {"input"} */ ("input[name=selected]"))];
 const selected = () => boxes().filter((box) => box.checked);
 
-/** Show the boxes, and the form while one is ticked. */
+/** Show the form while a card is selected. */
 export function start() {
   if (!form) return;
-  for (const box of boxes()) {
-    /** @type {HTMLElement} */ (box.closest("label")).hidden = false;
-    box.addEventListener("change", show);
-  }
+  for (const box of boxes()) box.addEventListener("change", show);
   form.addEventListener("submit", onSubmit);
   form.querySelector(".all")?.addEventListener("click", () => tick(true));
   form.querySelector(".none")?.addEventListener("click", () => tick(false));

@@ -1,4 +1,10 @@
-/** The hidden-state timeline as a slider: click, drag, arrow keys; time is in simulated seconds. */
+/**
+ * The hidden-state timeline as a slider: click, drag, arrow keys; time is in simulated seconds.
+ *
+ * A decision that did not move the arm took no time: then several begin at one moment, and it
+ * takes the decision's number to say which of them is shown.
+ */
+const SAME = 1e-3; // seconds
 
 export class Timeline {
   /**
@@ -11,6 +17,7 @@ export class Timeline {
     this.scale = Number(slider.dataset.scale); // seconds over the whole width
     this.moments = (slider.dataset.moments ?? "0").split(" ").map(Number);
     this.seconds = 0;
+    this.decision = 0; // that is under way; after the last one, the end
     this.seek = seek;
     this.spans = Array.from(slider.querySelectorAll("[data-said]"), (span) => {
       const { begin, end, said } = /** @type {SVGElement} */ (span).dataset;
@@ -22,9 +29,11 @@ export class Timeline {
     this.show(0);
   }
 
-  /** Move the cursor, without a call of `seek`. @param {number} seconds */
-  show(seconds) {
+  /** Move the cursor, without a call of `seek`. @param {number} seconds @param {number} [decision] */
+  show(seconds, decision) {
+    const stays = Math.abs(seconds - this.seconds) < SAME && decision === undefined;
     this.seconds = Math.min(Math.max(seconds, 0), this.end);
+    if (!stays) this.decision = decision ?? this.#underWay();
     const at = `${(100 * this.seconds) / this.scale}%`;
     this.cursor.setAttribute("x1", at);
     this.cursor.setAttribute("x2", at);
@@ -33,9 +42,9 @@ export class Timeline {
     this.slider.dispatchEvent(new CustomEvent("moved", { detail: this.seconds }));
   }
 
-  /** Move the cursor, and the viewer with it. @param {number} seconds */
-  go(seconds) {
-    this.show(seconds);
+  /** Move the cursor, and the viewer with it. @param {number} seconds @param {number} [decision] */
+  go(seconds, decision) {
+    this.show(seconds, decision);
     this.seek(this.seconds);
   }
 
@@ -44,14 +53,16 @@ export class Timeline {
    * @param {number} way @param {boolean} [finely] @returns {boolean} true: it is done
    */
   step(way, finely = false) {
-    const before = this.moments.findLast((moment) => moment < this.seconds - 1e-3) ?? 0;
-    const after = this.moments.find((moment) => moment > this.seconds + 1e-3) ?? this.end;
-    this.go(finely ? this.seconds + way / 10 : way < 0 ? before : after);
+    const within = this.seconds > this.moments[this.decision] + SAME;
+    const next = Math.max(this.decision + (way < 0 && within ? 0 : way), 0);
+    if (finely) this.go(this.seconds + way / 10);
+    else if (next < this.moments.length) this.go(this.moments[next], next);
+    else this.go(this.end);
     return true;
   }
 
-  /** The decision that is under way. */
-  get decision() {
+  /** The last decision that had begun. */
+  #underWay() {
     const after = this.moments.findIndex((moment) => moment > this.seconds + 1e-6);
     return (after < 0 ? this.moments.length : after) - 1;
   }

@@ -59,7 +59,7 @@ export class Sending {
    */
   async send() {
     this.paused = false;
-    this.path ||= await this.persist(() => this.begin());
+    this.path ||= /** @type {string} */ (await this.persist(() => this.begin()));
     let offset = await this.persist(() => this.offset());
     while (offset < this.file.size) offset = await this.persist(() => this.add(offset), offset);
   }
@@ -179,7 +179,7 @@ async function versionOf(name, sha256) {
   if (!sha256) return null;
   const answer = await ask("GET", `/api/v1/policies/${encodeURIComponent(name)}`).catch(() => null);
   const newest = answer && (await answer.json());
-  const converted = newest?.checks.some((one) => one.detail.includes(sha256));
+  const converted = newest?.checks.some((/** @type {{detail: string}} */ one) => one.detail.includes(sha256));
   return newest?.spec.sha256 === sha256 || converted ? newest : null;
 }
 

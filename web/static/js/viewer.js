@@ -16,6 +16,8 @@ window.fetch = async (input, options) => {
   return new Response("{}", { status: 404, headers: { "Content-Type": "application/json" } });
 };
 
+/** @typedef {{time: number | bigint, timeline?: string, timeline_name?: string}} Shown */
+
 export class Replay {
   /** @param {HTMLElement} place */
   constructor(place) {
@@ -41,9 +43,9 @@ export class Replay {
     this.viewer = new WebViewer();
     /** On its way to a moment that was asked for it passes others. @param {number} time */
     const moved = (time) => this.wanted || told.moved(time, this.timeline);
-    this.viewer.on("time_update", ({ time }) => moved(Number(time)));
-    this.viewer.on("timeline_change", ({ timeline, timeline_name, time }) => {
-      this.timeline = timeline_name ?? timeline;
+    this.viewer.on("time_update", (/** @type {Shown} */ { time }) => moved(Number(time)));
+    this.viewer.on("timeline_change", (/** @type {Shown} */ { timeline, timeline_name, time }) => {
+      this.timeline = timeline_name ?? timeline ?? this.timeline;
       moved(Number(time));
     });
     this.viewer.on("play", () => {
@@ -76,6 +78,7 @@ export class Replay {
     this.wanted = { seconds, decision };
     if (waiting || !this.opened) return;
     for (let tries = 0; this.wanted !== null; tries++) {
+      /** @type {{seconds: number, decision: number}} */
       const wanted = this.wanted;
       await this.#set({ ...this.#time(wanted), play_state: "paused" });
       const there = tries > PATIENCE || (await this.#isAt(wanted));

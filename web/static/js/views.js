@@ -31,9 +31,7 @@ function keep(found) {
 
 /** Bring the menu of views and the copying of links to life. */
 export function start() {
-  const menu = /** @type {HTMLElement} */ (document.getElementById("views"));
   const form = /** @type {HTMLFormElement} */ (document.getElementById("save-view"));
-  menu.hidden = false;
   form.addEventListener("submit", (event) => {
     event.preventDefault();
     const name = String(new FormData(form).get("name")).trim();
@@ -44,9 +42,7 @@ export function start() {
     show();
   });
   show();
-  const button = /** @type {HTMLButtonElement} */ (document.getElementById("copy-link"));
-  button.hidden = false;
-  button.addEventListener("click", copy);
+  document.getElementById("copy-link")?.addEventListener("click", copy);
 }
 
 /** The address of what is shown, without the place in the list. */
