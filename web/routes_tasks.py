@@ -11,7 +11,7 @@ from server import leaderboard, tasks
 from server.access import Router, Scope, needs
 from server.deps import Reading
 from server.problems import invalid
-from server.schemas import LeaderboardRow
+from server.schemas import CertificatePublic, LeaderboardRow, RatePublic, Verdicts
 from web.aliases import clearest
 from web.templating import page
 
@@ -46,9 +46,21 @@ def show_task(
         "task": task,
         "pair": number,
         "chosen": task.aliases[number - 1] if number else None,
+        "measured": measured(task.certificate),
         "best": best(session, name),
     }
     return page(request, "task.html", shown)
+
+
+def measured(proof: CertificatePublic | None) -> Verdicts | None:
+    """What the amnesiac reached, with its intervals."""
+    if proof is None:
+        return None
+    success, exact = (
+        RatePublic.of(round(rate * proof.episodes), proof.episodes)
+        for rate in (proof.amnesiac_success, proof.amnesiac_exact)
+    )
+    return Verdicts(success=success, exact=exact)
 
 
 def best(session: Session, task: str) -> list[LeaderboardRow]:
