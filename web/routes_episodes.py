@@ -9,7 +9,7 @@ from pydantic import Field
 from sqlalchemy.orm import Session
 
 from hide_tasks.contract import CAMERAS, Failure, Value
-from server import divergence, episodes, evaluations, reruns
+from server import divergence, episodes, evaluations, labels, reruns
 from server.access import Router, Scope, needs
 from server.beliefs import checked
 from server.deps import Reading
@@ -55,6 +55,8 @@ def show_episode(
         "script": f"/viewer/{viewer.version}/{SCRIPT}",
         "layout": f"/viewer/{viewer.version}/{LAYOUT}?v={viewer.layout_version}",
         "again": reruns.rerun(session, id),
+        "labelled": labels.of_episodes(session, [id])[id],
+        "used": labels.counted(session),
         "actions_file": reruns.actions_file(episode),
         **played(session, episode, view),
     }

@@ -1,6 +1,7 @@
 /** The page of an episode: viewer, timelines, pictures and memory in step; keys; the end of a live episode. */
 import { Beside } from "./beside.js";
 import { offerCopies } from "./copy.js";
+import { start as startLabels } from "./labels.js";
 import { Large, Pictures } from "./pictures.js";
 import { Player } from "./player.js";
 import { Timeline } from "./timeline.js";
@@ -26,6 +27,7 @@ if (timeline) follow(timeline);
 if (replay) start(replay);
 if (root.dataset.state !== "final") awaitEnd();
 offerCopies();
+startLabels();
 document.addEventListener("keydown", onKey);
 document.addEventListener("click", onClick);
 
