@@ -217,6 +217,12 @@ def test_without_a_recording_there_are_no_pictures_and_all_the_rest(two: tuple[S
     assert f"/api/v1/episodes/{id}/actions.json" in text
 
 
+def test_people_may_label_it_here(two: tuple[Site, str]) -> None:
+    site, amnesiac = two
+
+    assert f'data-labels="{amnesiac}"' in page(site, f"/episodes/{amnesiac}")
+
+
 def test_an_episode_that_waits_offers_nothing_to_play_again(two: tuple[Site, str]) -> None:
     site, _ = two
     [id, *_] = site.episodes(site.running, state=EpisodeState.PENDING)
