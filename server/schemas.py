@@ -501,7 +501,7 @@ class EpisodeFacets(BaseModel):
     facets: dict[str, list[FacetValue]]  # by field; hidden values and variations of one task alone
 
 
-class DivergencePublic(BaseModel):
+class PartingPublic(BaseModel):
     """Where two runs of the same episode part."""
 
     decision: int | None  # of the first run, the first that differs; null: both did the same

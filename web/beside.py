@@ -6,13 +6,13 @@ from typing import NamedTuple
 
 from sqlalchemy.orm import Session
 
-from server import divergence, episodes, evaluations
+from server import episodes, evaluations, partings
 from server.problems import invalid
 from server.schemas import (
     DecisionPublic,
-    DivergencePublic,
     EpisodeDetail,
     EvaluationPublic,
+    PartingPublic,
     RunPublic,
 )
 from web.timeline import Timeline
@@ -35,7 +35,7 @@ class Beside(NamedTuple):
     episode: EpisodeDetail
     evaluation: EvaluationPublic
     timeline: Timeline
-    parting: DivergencePublic
+    parting: PartingPublic
     pairs: list[Pair]
 
     @property
@@ -58,7 +58,7 @@ def beside(session: Session, id: str, decisions: Sequence[DecisionPublic], other
     """
     if other == id:
         raise invalid("beside", "this is the episode itself; name another run of it")
-    parting = divergence.of(session, id, other)
+    parting = partings.of(session, id, other)
     theirs = episodes.decisions(session, other)
     episode = episodes.get(session, other)
     timeline = Timeline(episode, theirs, episodes.spans(session, other))
@@ -74,7 +74,7 @@ def beside(session: Session, id: str, decisions: Sequence[DecisionPublic], other
 
 
 def pairs(
-    ours: Sequence[DecisionPublic], theirs: Sequence[DecisionPublic], parting: DivergencePublic
+    ours: Sequence[DecisionPublic], theirs: Sequence[DecisionPublic], parting: PartingPublic
 ) -> list[Pair]:
     """Decision by decision; where they part at different numbers, those stand beside each other."""
     here, there = parting.decision, parting.other_decision

@@ -2,7 +2,7 @@
 
 from markupsafe import Markup, escape
 
-from server.schemas import DivergencePublic, EpisodePublic, Progress, RatePublic, Verdicts
+from server.schemas import EpisodePublic, PartingPublic, Progress, RatePublic, Verdicts
 
 
 def element(name: str, *children: str | Markup, **attributes: object) -> Markup:
@@ -61,7 +61,7 @@ def _text(value: object) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
-def budget_bar(episode: EpisodePublic, parts: DivergencePublic | None) -> Markup:
+def budget_bar(episode: EpisodePublic, parts: PartingPublic | None) -> Markup:
     """Decisions used of the budget, and a tick where the episode parts from another run."""
     marks = [element("rect", class_="track", width="100%", height="100%")]
     used = min((episode.decisions or 0) / episode.budget, 1.0)

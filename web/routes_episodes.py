@@ -9,7 +9,7 @@ from pydantic import Field
 from sqlalchemy.orm import Session
 
 from hide_tasks.contract import CAMERAS, Failure, Value
-from server import divergence, episodes, evaluations, labels, reruns
+from server import episodes, evaluations, labels, partings, reruns
 from server.access import Router, Scope, needs
 from server.beliefs import checked
 from server.deps import Reading
@@ -69,10 +69,10 @@ def played(session: Session, episode: EpisodeDetail, view: View) -> dict[str, An
     spans = episodes.spans(session, episode.id)
     beliefs = checked(episode, decisions)
     timeline = Timeline(episode, decisions, spans, beliefs) if spans or decisions else None
-    runs = divergence.runs_of_same(session, episode.id)
+    runs = partings.runs_of_same(session, episode.id)
     other = beside(session, episode.id, decisions, view.beside) if view.beside else None
     expert = offered(runs)
-    known = divergence.from_expert(session, [episode.id]) if expert and not other else {}
+    known = partings.from_expert(session, [episode.id]) if expert and not other else {}
     parting = other.parting if other else known.get(episode.id)
     if timeline and parting and parting.decision is not None:
         timeline.parted = parting.time_a

@@ -8,10 +8,10 @@ from fastapi.responses import HTMLResponse
 from sqlalchemy.orm import Session
 
 from hide_tasks.contract import Category, Failure
-from server import divergence, episodes, evaluations, facets, labels
+from server import episodes, evaluations, facets, labels, partings
 from server.access import Router, Scope, needs
 from server.deps import Reading
-from server.schemas import DivergencePublic, EpisodePublic, FailureGroup, LabelPublic
+from server.schemas import EpisodePublic, FailureGroup, LabelPublic, PartingPublic
 from web.facets import chosen, shown_facets
 from web.filters import Filters
 from web.templating import page
@@ -26,7 +26,7 @@ class Card(NamedTuple):
     """An episode with what is said of it."""
 
     episode: EpisodePublic
-    divergence: DivergencePublic | None  # from the expert, if it played the same
+    parting: PartingPublic | None  # from the expert, if it played the same
     why: str  # they part
     labels: list[LabelPublic]  # that stand
 
@@ -74,14 +74,12 @@ def _page(request: Request, session: Session, filters: Filters) -> HTMLResponse:
 def cards(session: Session, found: Sequence[EpisodePublic]) -> list[Card]:
     """The episodes with where each parts from the expert, and its labels."""
     ids = [one.id for one in found]
-    parts = divergence.from_expert(session, ids)
+    parts = partings.from_expert(session, ids)
     said = labels.of_episodes(session, ids)
     return [_card(one, parts.get(one.id), said[one.id]) for one in found]
 
 
-def _card(
-    episode: EpisodePublic, parts: DivergencePublic | None, said: Sequence[LabelPublic]
-) -> Card:
+def _card(episode: EpisodePublic, parts: PartingPublic | None, said: Sequence[LabelPublic]) -> Card:
     why = parts.why if parts else ""
     for word in ("the other", "The other"):
         why = why.replace(word, word.replace("other", "expert"))

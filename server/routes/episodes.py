@@ -10,7 +10,7 @@ from pydantic import Field
 from sqlalchemy.orm import Session
 from starlette.types import Send
 
-from server import blobs, divergence, episodes, evaluations, pictures
+from server import blobs, episodes, evaluations, partings, pictures
 from server.access import Router, Scope, needs
 from server.deps import Cursor, EpisodeId, EvaluationId, Limit, Reading, TheHub
 from server.episode_order import Sort
@@ -22,10 +22,10 @@ from server.revalidation import FOR_EVER, Revalidate, Revalidation
 from server.schemas import (
     ChangePublic,
     DecisionPublic,
-    DivergencePublic,
     EpisodeDetail,
     EpisodePublic,
     Page,
+    PartingPublic,
     RunPublic,
     SpanPublic,
 )
@@ -163,20 +163,20 @@ def get_observation(
     return Response(content, media_type=blobs.JPEG, headers=FOR_EVER)
 
 
-@router.get("/episodes/{episode}/divergence")
+@router.get("/episodes/{episode}/parting")
 @needs(Scope.READ)
-def get_divergence(
+def get_parting(
     episode: str, session: Reading, other: Annotated[str | None, Query(max_length=40)] = None
-) -> DivergencePublic:
+) -> PartingPublic:
     """Where it parts from another run of the same episode; without `other`, the expert's."""
-    return divergence.of(session, episode, other)
+    return partings.of(session, episode, other)
 
 
 @router.get("/episodes/{episode}/runs")
 @needs(Scope.READ)
 def list_runs_of_same(episode: str, session: Reading) -> list[RunPublic]:
     """Other policies' runs of the same episode, the newest of each version."""
-    return divergence.runs_of_same(session, episode)
+    return partings.runs_of_same(session, episode)
 
 
 @router.get(

@@ -48,7 +48,7 @@ ID_ROUTES = [
     ("GET", "/episodes/{}/changes"),
     ("GET", "/episodes/{}/spans"),
     ("GET", "/episodes/{}/labels"),
-    ("GET", "/episodes/{}/divergence"),
+    ("GET", "/episodes/{}/parting"),
     ("GET", "/episodes/{}/runs"),
     ("GET", "/episodes/{}/preview.webp"),
     ("GET", "/episodes/{}/observations/0/front.jpg"),

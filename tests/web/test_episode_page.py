@@ -8,7 +8,7 @@ import pytest
 from fastapi.testclient import TestClient
 
 from hide_tasks.contract import Failure
-from server.schemas import BeliefCheck, BeliefsPublic, DivergencePublic
+from server.schemas import BeliefCheck, BeliefsPublic, PartingPublic
 from server.states import EpisodeState
 from tests.web import sites
 from tests.web.sites import Site
@@ -173,7 +173,7 @@ def test_what_cannot_stand_beside_it_is_told(
 
 
 def test_runs_that_part_at_different_numbers_are_aligned_there() -> None:
-    parting = DivergencePublic(decision=1, other_decision=2, why="")
+    parting = PartingPublic(decision=1, other_decision=2, why="")
 
     found = pairs(["a0", "a1"], ["b0", "b1", "b2"], parting)  # type: ignore[list-item]
 

@@ -67,11 +67,11 @@ def test_an_episode_is_held_against_the_experts(site: Site, client: TestClient) 
     [id, *_] = site.episodes(site.completed)
 
     [run] = client.get(f"/api/v1/episodes/{id}/runs").json()
-    found = client.get(f"/api/v1/episodes/{id}/divergence").json()
+    found = client.get(f"/api/v1/episodes/{id}/parting").json()
 
     assert run["policy"] == "expert"
     assert found["other"] == run["episode"]
-    again = client.get(f"/api/v1/episodes/{id}/divergence", params={"other": run["episode"]})
+    again = client.get(f"/api/v1/episodes/{id}/parting", params={"other": run["episode"]})
     assert again.json() == found
-    elsewhere = client.get(f"/api/v1/episodes/{id}/divergence", params={"other": id[:-1] + "x"})
+    elsewhere = client.get(f"/api/v1/episodes/{id}/parting", params={"other": id[:-1] + "x"})
     assert elsewhere.status_code == 404

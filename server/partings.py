@@ -15,7 +15,7 @@ from hide_tasks.contract import DecisionRecord, HiddenState, Keyframe
 from server import episodes
 from server.models import Episode, Evaluation, PolicyVersion
 from server.problems import Problem
-from server.schemas import DecisionPublic, DivergencePublic, RunPublic
+from server.schemas import DecisionPublic, PartingPublic, RunPublic
 from server.states import EvaluationState
 
 FAR = 0.03  # m; the tip's targets are the same below: a trained policy is off by a centimetre
@@ -25,7 +25,7 @@ MOST_RUNS = 200  # evaluations that are looked through for another run of an epi
 Runs = Sequence[DecisionPublic]
 
 
-def between(a: Runs, b: Runs, other: str | None = None) -> DivergencePublic:
+def between(a: Runs, b: Runs, other: str | None = None) -> PartingPublic:
     """Where two runs of the same episode part.
 
     Keyframes are compared one by one: where they lead, the fingers, and what became of them. A
@@ -37,9 +37,9 @@ def between(a: Runs, b: Runs, other: str | None = None) -> DivergencePublic:
     dense = any(one.action.kind in ("joint_position", "ee_delta") for one in (*a, *b))
     found = _first_state(a, b) if dense else _first_decision(a, b)
     if found is None:
-        return DivergencePublic(decision=None, why="Both did the same.", other=other)
+        return PartingPublic(decision=None, why="Both did the same.", other=other)
     number, counterpart, why = found
-    return DivergencePublic(
+    return PartingPublic(
         decision=number,
         other_decision=counterpart,
         time_a=_chosen(a, number),
@@ -49,7 +49,7 @@ def between(a: Runs, b: Runs, other: str | None = None) -> DivergencePublic:
     )
 
 
-def of(session: Session, id: str, other: str | None) -> DivergencePublic:
+def of(session: Session, id: str, other: str | None) -> PartingPublic:
     """Where an episode parts from another run of the same, or from the expert's.
 
     Raises:
@@ -68,7 +68,7 @@ def of(session: Session, id: str, other: str | None) -> DivergencePublic:
     return between(played.get(id, []), played.get(other, []), other)
 
 
-def from_expert(session: Session, ids: Sequence[str]) -> dict[str, DivergencePublic]:
+def from_expert(session: Session, ids: Sequence[str]) -> dict[str, PartingPublic]:
     """Where episodes part from the expert's run of the same; left out if it played none."""
     pairs = _experts(session, ids)
     played = episodes.decisions_of(session, {*pairs, *pairs.values()})

@@ -7,7 +7,7 @@ import pytest
 from sqlalchemy.orm import Session
 
 from hide_tasks.contract import EEDelta, Keyframe, MotionOutcome
-from server import divergence, episodes
+from server import episodes, partings
 from server.blobs import Blobs
 from server.schemas import DecisionPublic
 from tests.server import ledgers
@@ -42,7 +42,7 @@ def keyframe(x: float = 0.2, **fields: Any) -> Keyframe:
 
 
 def test_runs_that_are_alike_do_not_part() -> None:
-    found = divergence.between(run(0.1, 0.2), run(0.11, 0.21))
+    found = partings.between(run(0.1, 0.2), run(0.11, 0.21))
 
     assert found.decision is None
 
@@ -60,7 +60,7 @@ def test_runs_that_are_alike_do_not_part() -> None:
     ],
 )
 def test_the_first_difference_is_named(last: dict[str, Any], why: str) -> None:
-    found = divergence.between(run(0.1, 0.2, **last), run(0.1, 0.2))
+    found = partings.between(run(0.1, 0.2, **last), run(0.1, 0.2))
 
     assert (found.decision, found.time_a, found.time_b) == (1, 1.5, 1.5)
     assert why in found.why
@@ -69,12 +69,12 @@ def test_the_first_difference_is_named(last: dict[str, Any], why: str) -> None:
 def test_a_gripper_turned_by_half_is_the_same() -> None:
     turned = {"action": keyframe(quaternion=(1.0, 0.0, 0.0, 0.0))}
 
-    assert divergence.between(run(0.1, 0.2, **turned), run(0.1, 0.2)).decision is None
+    assert partings.between(run(0.1, 0.2, **turned), run(0.1, 0.2)).decision is None
 
 
 @pytest.mark.parametrize(("a", "b"), [((0.1,), (0.1, 0.2)), ((0.1, 0.2), (0.1,)), ((), (0.1,))])
 def test_a_run_that_ends_sooner_parts_there(a: tuple[float, ...], b: tuple[float, ...]) -> None:
-    found = divergence.between(run(*a) if a else [], run(*b))
+    found = partings.between(run(*a) if a else [], run(*b))
 
     assert found.decision == min(len(a), len(b))
     assert ("It ended" in found.why) == (len(a) < len(b))
@@ -89,7 +89,7 @@ def test_chunks_are_compared_by_what_became_of_the_world() -> None:
         decision(2, 0.1, action=chunk, stage="press 1", hidden={"presses_done": 2}),
     ]
 
-    found = divergence.between(dense, run(0.1, 0.2))
+    found = partings.between(dense, run(0.1, 0.2))
 
     assert (found.decision, found.other_decision) == (2, 1)
     assert (found.time_a, found.time_b) == (3.0, 1.5)
@@ -103,8 +103,8 @@ def test_an_episode_is_held_against_the_experts_newest_run(tmp_path: Path) -> No
 
     with database.reading() as session:
         first, second, third = (one.id for one in ledgers.episodes_of(session, noop))
-        found = divergence.from_expert(session, [first, second, third])
-        runs = divergence.runs_of_same(session, first)
+        found = partings.from_expert(session, [first, second, third])
+        runs = partings.runs_of_same(session, first)
 
         assert found[first].other == _first(session, newest)
         assert set(found) == {first, second}
