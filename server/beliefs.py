@@ -1,11 +1,11 @@
 """What a policy believed against what was true: how many stages it held to be done."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 from sqlalchemy.orm import Session
 
-from hide_tasks.contract import HiddenState, Start, Value
+from hide_tasks.contract import HiddenState, Value
 from hide_tasks.stages import stages_done
 from server import episodes
 from server.schemas import BeliefCheck, BeliefsPublic, DecisionPublic, EpisodeDetail
@@ -20,35 +20,43 @@ def of(session: Session, id: str) -> BeliefsPublic:
     return checked(episodes.get(session, id), episodes.decisions(session, id))
 
 
-class Begun(NamedTuple):
-    """What of an episode says what is true in it."""
-
-    task: str
-    variation: Mapping[str, Value]
-    start: Start | None
-
-
-def checked(episode: EpisodeDetail | Begun, decisions: Sequence[DecisionPublic]) -> BeliefsPublic:
+def checked(episode: EpisodeDetail, decisions: Sequence[DecisionPublic]) -> BeliefsPublic:
     """Every decision whose policy said how many stages it held to be done."""
-    if episode.start is None:
+    start = episode.start
+    if start is None:
         return BeliefsPublic(stated=0, checked=0, right=0, decisions=[])
-    before = [(one.stage, one.hidden) for one in decisions]
-    before.insert(0, (episode.start.stage, episode.start.hidden))
-    found = [
-        _check(episode, one, *known)
-        for known, one in zip(before, decisions, strict=False)
-        if one.belief is not None and one.belief.stage_count is not None
-    ]
+    moments = (
+        Moment(one.decision, one.stage, one.hidden, one.belief.stage_count if one.belief else None)
+        for one in decisions
+    )
+    found = list(judged(episode.task, episode.variation, (start.stage, start.hidden), moments))
     verdicts = [one.right for one in found if one.right is not None]
     right = sum(verdicts)
     return BeliefsPublic(stated=len(found), checked=len(verdicts), right=right, decisions=found)
 
 
-def _check(
-    episode: EpisodeDetail | Begun, one: DecisionPublic, stage: str, hidden: HiddenState
-) -> BeliefCheck:
-    assert one.belief is not None and one.belief.stage_count is not None
-    believed = one.belief.stage_count
-    true = stages_done(episode.task, episode.variation, stage, hidden)
-    right = believed in true if true else None
-    return BeliefCheck(decision=one.decision, believed=believed, true=list(true), right=right)
+class Moment(NamedTuple):
+    """What a policy said at a decision, and what was true after it."""
+
+    decision: int
+    stage: str
+    hidden: HiddenState
+    said: int | None  # how many stages it held to be done
+
+
+def judged(
+    task: str,
+    variation: Mapping[str, Value],
+    start: tuple[str, HiddenState],
+    moments: Iterable[Moment],
+) -> Iterator[BeliefCheck]:
+    """What was said at each decision against what was true before it."""
+    stage, hidden = start
+    for one in moments:
+        if one.said is not None:
+            true = stages_done(task, variation, stage, hidden)
+            right = one.said in true if true else None
+            yield BeliefCheck(
+                decision=one.decision, believed=one.said, true=list(true), right=right
+            )
+        stage, hidden = one.stage, one.hidden
