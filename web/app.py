@@ -30,6 +30,7 @@ from web import (
     routes_viewer,
     routes_webhooks,
 )
+from web.compression import Compression
 from web.errors import show_error_pages
 from web.security import SecurityHeaders
 from web.templating import STATIC, fingerprint
@@ -64,6 +65,7 @@ def create_app(settings: Settings) -> FastAPI:
         app.include_router(routes.router)
     app.mount("/static", StaticAssets(directory=STATIC), name="static")
     show_error_pages(app)
+    app.add_middleware(Compression)
     app.add_middleware(SecurityHeaders)
     _prepare_viewer_at_start(app)
     return app
