@@ -34,7 +34,6 @@ from server.db import Database
 from server.models import Attempt, Episode, Evaluation, Shard
 from server.schemas import EvaluationCreate
 from server.settings import LEDGER
-from tests import viewer_files
 from workers.preflight import Check
 from workers.protocol import (
     EpisodeCommit,
@@ -84,7 +83,6 @@ def laid(folder: Path) -> Path:
     if not path.exists():
         folder.mkdir(parents=True, exist_ok=True)
         path.write_bytes(_new_ledger())
-        viewer_files.lay(folder)
     return path
 
 

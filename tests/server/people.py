@@ -11,6 +11,7 @@ from server import credentials, users
 from server.access import Role, Scope
 from server.hub import Hub
 from server.settings import Settings
+from tests import viewer_files
 from tests.server import ledgers
 from tests.server.clients import TestClient
 from web.app import create_app
@@ -22,6 +23,7 @@ LOOPBACK = "http://127.0.0.1"
 def application(data: Path, **settings: Any) -> FastAPI:
     """The API and its pages; nothing is handed out."""
     ledgers.laid(data)
+    viewer_files.lay(data)
     quiet = {"workers": 0, "references": False, "smoke": False}
     return create_app(Settings(data=data, **{**quiet, **settings}))
 

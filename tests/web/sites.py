@@ -17,6 +17,7 @@ from server.problems import invalid
 from server.settings import Settings
 from server.states import WebhookEvent
 from server.webhooks import Outcome
+from tests import viewer_files
 from tests.server import ledgers
 from web.app import create_app
 from workers.hidden_trace import HiddenTrace
@@ -70,6 +71,7 @@ def empty(data: Path) -> FastAPI:
     """The application over a ledger without evaluations; nothing is handed out."""
     data.mkdir(parents=True, exist_ok=True)
     ledgers.opened(data).close()
+    viewer_files.lay(data)
     return create_app(Settings(data=data, workers=0, references=False, smoke=False))
 
 

@@ -14,6 +14,7 @@ from server import lifecycle
 from server.commit import commit
 from server.models import Attempt
 from server.settings import Settings
+from tests import viewer_files
 from tests.chromium import CHROMIUM
 from tests.server import ledgers
 from tests.web.browsing import WIDTHS, opened, serving
@@ -34,6 +35,7 @@ pytestmark = [
 def app(tmp_path: Path) -> FastAPI:
     ledgers.laid(tmp_path)
     quiet = {"workers": 0, "references": False, "smoke": False}
+    viewer_files.lay(tmp_path)
     return create_app(Settings(data=tmp_path, allow_remote=("127.0.0.1",), **quiet))
 
 

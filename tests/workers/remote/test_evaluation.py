@@ -48,10 +48,13 @@ def test_a_served_policy_plays_the_very_episode_that_it_plays_here(tmp_path: Pat
     assert there.episodes[0].model_dump(exclude={"timing"}) == here.episodes[0].model_dump(
         exclude={"timing"}
     )
+    assert there.remote is not None
+    assert "front/rgb" in there.remote.pop("sees")
     assert there.remote == {
         "dialect": "hide",
         "model": "Stays",
         "sessions": 1,
+        "acts": "keyframe",
         "stateless_transport": False,
     }
 

@@ -20,7 +20,7 @@ from workers.remote import arrays, client, egress
 from workers.remote.client import BadServer, PeerError
 from workers.remote.maps import Declaration
 from workers.remote.openpi import OpenpiPolicy
-from workers.remote.target import About, Unreachable, process_of
+from workers.remote.target import Unreachable, process_of
 
 ROWS = np.tile(np.arange(8.0), (3, 1)) / 10  # the opening is 0.7
 HIDE = Declaration.model_validate(
@@ -81,7 +81,9 @@ def test_our_dialect_is_told_of_episodes_and_of_no_number() -> None:
     server = Keeps(belief={"stage_count": 2})
     with answering(server, HIDE) as url:
         policy = OpenpiPolicy(target(url, observation=None, action=None))
-        assert policy.open() == About(dialect="hide", model="mine", sessions=3)
+        about = policy.open()
+        assert (about.dialect, about.model, about.sessions) == ("hide", "mine", 3)
+        assert (about.sees[-1], about.acts) == ("prompt", "joint_position")
         for _ in range(2):
             policy.reset("wait", 7)
             policy.act(observation())
