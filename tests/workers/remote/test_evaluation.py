@@ -54,7 +54,7 @@ def test_a_served_policy_plays_the_very_episode_that_it_plays_here(tmp_path: Pat
         "dialect": "hide",
         "model": "Stays",
         "sessions": 1,
-        "acts": "keyframe",
+        "acts": "action",
         "stateless_transport": False,
     }
 
