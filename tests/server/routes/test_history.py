@@ -252,3 +252,11 @@ def test_what_a_newer_one_supersedes_is_not_published(here: TestClient) -> None:
 
     assert new in publication(here, old)["reason"]
     assert publication(here, new)["publishable"]
+
+
+def test_a_newer_part_supersedes_nothing(here: TestClient) -> None:
+    hub = hub_of(here)
+    whole = ledgers.evaluated(hub.database, hub.blobs)
+    ledgers.evaluated(hub.database, hub.blobs, tasks=["search_drawer"])
+
+    assert publication(here, whole)["publishable"]
