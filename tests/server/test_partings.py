@@ -114,9 +114,8 @@ def test_an_episode_is_held_against_the_experts_newest_run(tmp_path: Path) -> No
     database.close()
 
 
-def test_a_later_run_of_something_else_hides_no_run_of_the_same(
-    on_each_database: str, tmp_path: Path
-) -> None:
+@pytest.mark.usefixtures("on_each_database")
+def test_a_later_run_of_something_else_hides_no_run_of_the_same(tmp_path: Path) -> None:
     database, store = ledgers.opened(tmp_path), Blobs(tmp_path / "blobs")
     noop = ledgers.evaluated(database, store, "noop", tasks=["search_drawer"], episodes=2)
     expert = ledgers.evaluated(database, store, "expert", tasks=["search_drawer"], episodes=2)
