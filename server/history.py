@@ -10,7 +10,7 @@ from datetime import datetime, timedelta
 from functools import cached_property
 from typing import NamedTuple
 
-from sqlalchemy import Row, or_, select
+from sqlalchemy import or_, select
 from sqlalchemy.orm import Session
 
 from server import lanes
@@ -127,6 +127,15 @@ def _waiting(meanwhile: "_Meanwhile", attempts: Sequence[Attempt], gap: Gap) -> 
     return Phase(activity=activity, start=gap.start, end=gap.end, detail=detail)
 
 
+class _Held(NamedTuple):
+    """What a worker held: an attempt, of which policy's version, from when to when."""
+
+    name: str
+    number: int
+    leased: datetime
+    ended: datetime | None
+
+
 class _Meanwhile:
     """What happened beside the playing, asked for once: it may wait before each of its shards.
 
@@ -165,9 +174,9 @@ class _Meanwhile:
         return [(one.time, one.payload["state"]) for one in found]
 
     @cached_property
-    def _others(self) -> Sequence[Row[tuple[str, int, datetime, datetime | None]]]:
+    def _others(self) -> list[_Held]:
         """Attempts at shards of other evaluations."""
-        return self._session.execute(
+        rows = self._session.execute(
             select(Policy.name, PolicyVersion.number, Attempt.leased, Attempt.ended)
             .select_from(Attempt)
             .join(Shard, Attempt.shard_id == Shard.id)
@@ -179,7 +188,8 @@ class _Meanwhile:
                 Attempt.leased < self._until,
                 or_(Attempt.ended.is_(None), Attempt.ended > self._evaluation.created),
             )
-        ).all()
+        )
+        return [_Held(*row) for row in rows]
 
 
 def _merged(gaps: Iterable[Gap]) -> list[Gap]:
