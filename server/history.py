@@ -83,12 +83,15 @@ def _played(attempts: Sequence[Attempt], spans: Spans, until: datetime) -> Itera
     kept = (span for span in everything if span.outcome != "lost")
     for gap in _merged(Gap(span.start, span.end or until) for span in kept):
         yield Phase(activity="playing", start=gap.start, end=gap.end, detail="")
-    for span in everything:
-        if span.outcome == "lost" and span.end:
-            yield _in_vain(attempts, span.start, span.end)
+    for shard, group in spans.items():
+        own = [one for one in attempts if one.shard_id == shard]
+        for span in group:
+            if span.outcome == "lost" and span.end:
+                yield _in_vain(own, span.start, span.end)
 
 
 def _in_vain(attempts: Sequence[Attempt], start: datetime, end: datetime) -> Phase:
+    """What was lost of a shard, of which these are the tries."""
     reasons = [one.reason for one in attempts if one.reason and one.ended and one.ended >= end]
     reason = reasons[0] if reasons else "its episode was put back"
     if reason == STOPPED:

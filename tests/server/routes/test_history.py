@@ -146,6 +146,23 @@ def test_waiting_says_who_was_played_meanwhile(here: TestClient, clock: Clock, h
     assert (phase["activity"], phase["detail"]) == ("queued", "workers played noop@1")
 
 
+def test_a_lost_try_has_the_reason_of_its_own_shard(
+    here: TestClient, clock: Clock, hand: Hand
+) -> None:
+    mine = create(here, tasks=["search_drawer", "search_boxes"], episodes=1)["id"]
+    first = hand.lease()
+    clock.after(1)
+    second = hand.lease()
+    for attempt, reason in ((second, "out of memory"), (first, "no disk")):
+        hand.begin(attempt)
+        clock.after(10)
+        hand.end(attempt, reason)
+
+    lost = [one["detail"] for one in history(here, mine)["phases"] if one["activity"] == "lost"]
+
+    assert lost == ["a try was lost: out of memory", "a try was lost: no disk"]
+
+
 def test_many_waits_take_no_more_questions_than_one(
     here: TestClient, clock: Clock, hand: Hand
 ) -> None:
