@@ -109,7 +109,7 @@ def public(heard: Heard) -> BeliefPublic | None:
 
 
 def _independent(heard: Heard, value: float) -> float:
-    """As how many independent decisions these count: at least as many as there are episodes.
+    """As how many independent decisions these count; where all are alike, as the episodes.
 
     Source: Korn and Graubard 1998, Survey Methodology 24:193; the variance is of a ratio.
     """

@@ -4,11 +4,7 @@ A built-in policy is known by its name; a checkpoint by its configuration; anyth
 itself what it likes, or nothing, and stands as "undeclared".
 """
 
-from collections.abc import Sequence
 from typing import Any
-
-from sqlalchemy import select
-from sqlalchemy.orm import Session
 
 from seek_model.config import Config, Memory
 from seek_model.presets import preset
@@ -23,12 +19,6 @@ BUILT_IN = {
     "random": PolicyFacts(source="built-in", memory=NONE, clock=False, privileged=False),
     "noop": PolicyFacts(source="built-in", memory=NONE, clock=False, privileged=False),
 }
-
-
-def of(session: Session, versions: Sequence[str]) -> dict[str, PolicyFacts]:
-    """What is known of policy versions, by id; unknown ids are left out."""
-    found = select(PolicyVersion).where(PolicyVersion.id.in_(versions))
-    return {one.id: of_version(one) for one in session.scalars(found)}
 
 
 def of_version(version: PolicyVersion) -> PolicyFacts:

@@ -4,12 +4,13 @@ All of it is derived: from the events, which keep when each episode began and en
 that were lost, and from the attempts. Nothing is kept up for it.
 """
 
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator, Sequence
 from datetime import datetime, timedelta
+from functools import cached_property
 from typing import NamedTuple
 
-from sqlalchemy import func, or_, select
+from sqlalchemy import or_, select
 from sqlalchemy.orm import Session
 
 from server import lanes
@@ -39,7 +40,8 @@ def of(session: Session, evaluation: Evaluation) -> HistoryPublic:
     until = evaluation.ended if evaluation.state in ENDED and evaluation.ended else now()
     attempts = _attempts(session, evaluation.id)
     spans = lanes.spans(session, evaluation.id)
-    phases = list(_phases(session, evaluation, attempts, spans, until))
+    meanwhile = _Meanwhile(session, evaluation, until)
+    phases = list(_phases(meanwhile, attempts, spans, Gap(evaluation.created, until)))
     totals: dict[Activity, float] = defaultdict(float)
     for phase in phases:
         totals[phase.activity] += (phase.end - phase.start).total_seconds()
@@ -62,21 +64,17 @@ def _attempts(session: Session, id: str) -> list[Attempt]:
 
 
 def _phases(
-    session: Session,
-    evaluation: Evaluation,
-    attempts: Sequence[Attempt],
-    spans: Spans,
-    until: datetime,
+    meanwhile: "_Meanwhile", attempts: Sequence[Attempt], spans: Spans, whole: Gap
 ) -> Iterator[Phase]:
-    held = _merged(Gap(one.leased, one.ended or until) for one in attempts)
-    at = evaluation.created
-    for phase in sorted(_played(attempts, spans, until), key=lambda one: one.start):
+    held = _merged(Gap(one.leased, one.ended or whole.end) for one in attempts)
+    at = whole.start
+    for phase in sorted(_played(attempts, spans, whole.end), key=lambda one: one.start):
         start = max(at, phase.start)
-        yield from _between(session, evaluation, attempts, held, Gap(at, start))
+        yield from _between(meanwhile, attempts, held, Gap(at, start))
         if phase.end > start:
             yield phase.model_copy(update={"start": start})
             at = phase.end
-    yield from _between(session, evaluation, attempts, held, Gap(at, until))
+    yield from _between(meanwhile, attempts, held, Gap(at, whole.end))
 
 
 def _played(attempts: Sequence[Attempt], spans: Spans, until: datetime) -> Iterator[Phase]:
@@ -85,12 +83,15 @@ def _played(attempts: Sequence[Attempt], spans: Spans, until: datetime) -> Itera
     kept = (span for span in everything if span.outcome != "lost")
     for gap in _merged(Gap(span.start, span.end or until) for span in kept):
         yield Phase(activity="playing", start=gap.start, end=gap.end, detail="")
-    for span in everything:
-        if span.outcome == "lost" and span.end:
-            yield _in_vain(attempts, span.start, span.end)
+    for shard, group in spans.items():
+        own = [one for one in attempts if one.shard_id == shard]
+        for span in group:
+            if span.outcome == "lost" and span.end:
+                yield _in_vain(own, span.start, span.end)
 
 
 def _in_vain(attempts: Sequence[Attempt], start: datetime, end: datetime) -> Phase:
+    """What was lost of a shard, of which these are the tries."""
     reasons = [one.reason for one in attempts if one.reason and one.ended and one.ended >= end]
     reason = reasons[0] if reasons else "its episode was put back"
     if reason == STOPPED:
@@ -100,11 +101,7 @@ def _in_vain(attempts: Sequence[Attempt], start: datetime, end: datetime) -> Pha
 
 
 def _between(
-    session: Session,
-    evaluation: Evaluation,
-    attempts: Sequence[Attempt],
-    held: Sequence[Gap],
-    gap: Gap,
+    meanwhile: "_Meanwhile", attempts: Sequence[Attempt], held: Sequence[Gap], gap: Gap
 ) -> Iterator[Phase]:
     """What a stretch without a playing worker was: handed out, and waiting before and after."""
     at = gap.start
@@ -113,60 +110,89 @@ def _between(
         if start > gap.end or end < at:
             continue
         if start - at >= SHORTEST:
-            yield _waiting(session, evaluation, attempts, Gap(at, start))
+            yield _waiting(meanwhile, attempts, Gap(at, start))
         if end - start >= SHORTEST:
             detail = "handed out to a worker, which starts or loads the policy"
             yield Phase(activity="starting", start=start, end=end, detail=detail)
         at = max(at, end)
 
 
-def _waiting(
-    session: Session, evaluation: Evaluation, attempts: Sequence[Attempt], gap: Gap
-) -> Phase:
+def _waiting(meanwhile: "_Meanwhile", attempts: Sequence[Attempt], gap: Gap) -> Phase:
     before = [one for one in attempts if one.ended and one.ended <= gap.start]
     lost = before[-1] if before and before[-1].state == AttemptState.LOST else None
     activity: Activity = "waiting" if attempts and attempts[0].leased < gap.start else "queued"
-    if _was_incomplete(session, evaluation.id, gap):
+    if meanwhile.was_incomplete(gap):
         detail = "incomplete, until it was resumed"
         return Phase(activity="incomplete", start=gap.start, end=gap.end, detail=detail)
-    detail = _played_meanwhile(session, evaluation.id, gap) or "no worker was free, or none ran"
+    detail = meanwhile.played(gap) or "no worker was free, or none ran"
     if lost:
         detail = f"after an attempt was lost ({lost.reason}): {detail}"
     return Phase(activity=activity, start=gap.start, end=gap.end, detail=detail)
 
 
-def _was_incomplete(session: Session, id: str, gap: Gap) -> bool:
-    newest = session.scalar(
-        select(Event)
-        .where(Event.evaluation_id == id, Event.kind == "evaluation", Event.time <= gap.start)
-        .order_by(Event.seq.desc())
-        .limit(1)
-    )
-    return bool(newest and newest.payload["state"] == EvaluationState.INCOMPLETE)
+class _Held(NamedTuple):
+    """What a worker held: an attempt, of which policy's version, from when to when."""
+
+    name: str
+    number: int
+    leased: datetime
+    ended: datetime | None
 
 
-def _played_meanwhile(session: Session, id: str, gap: Gap) -> str:
-    """Other evaluations that workers held meanwhile, in words."""
-    rows = session.execute(
-        select(Policy.name, PolicyVersion.number, func.count(func.distinct(Attempt.id)))
-        .select_from(Attempt)
-        .join(Shard, Attempt.shard_id == Shard.id)
-        .join(Evaluation, Shard.evaluation_id == Evaluation.id)
-        .join(PolicyVersion, Evaluation.policy_version_id == PolicyVersion.id)
-        .join(Policy, PolicyVersion.policy_id == Policy.id)
-        .where(
-            Evaluation.id != id,
-            Attempt.leased < gap.end,
-            or_(Attempt.ended.is_(None), Attempt.ended > gap.start),
+class _Meanwhile:
+    """What happened beside the playing, asked for once: it may wait before each of its shards.
+
+    Args:
+        until: the end of what is looked at.
+    """
+
+    def __init__(self, session: Session, evaluation: Evaluation, until: datetime):
+        self._session, self._evaluation, self._until = session, evaluation, until
+
+    def was_incomplete(self, gap: Gap) -> bool:
+        """True if the evaluation was, when the stretch began."""
+        before = [state for time, state in self._states if time <= gap.start]
+        return bool(before) and before[-1] == EvaluationState.INCOMPLETE
+
+    def played(self, gap: Gap) -> str:
+        """Other evaluations that workers held meanwhile, in words."""
+        counted = Counter(
+            (one.name, one.number)
+            for one in self._others
+            if one.leased < gap.end and (one.ended is None or one.ended > gap.start)
         )
-        .group_by(Policy.name, PolicyVersion.number)
-        .order_by(func.count(func.distinct(Attempt.id)).desc(), Policy.name)
-    ).all()
-    if not rows:
-        return ""
-    named = [f"{name}@{number}" for name, number, _ in rows[:MOST_NAMED]]
-    more = f" and {len(rows) - MOST_NAMED} more" if len(rows) > MOST_NAMED else ""
-    return f"workers played {', '.join(named)}{more}"
+        ranked = sorted(counted, key=lambda one: (-counted[one], one))
+        if not ranked:
+            return ""
+        named = [f"{name}@{number}" for name, number in ranked[:MOST_NAMED]]
+        more = f" and {len(ranked) - MOST_NAMED} more" if len(ranked) > MOST_NAMED else ""
+        return f"workers played {', '.join(named)}{more}"
+
+    @cached_property
+    def _states(self) -> list[tuple[datetime, str]]:
+        wanted = select(Event).where(
+            Event.evaluation_id == self._evaluation.id, Event.kind == "evaluation"
+        )
+        found = self._session.scalars(wanted.order_by(Event.seq))
+        return [(one.time, one.payload["state"]) for one in found]
+
+    @cached_property
+    def _others(self) -> list[_Held]:
+        """Attempts at shards of other evaluations."""
+        rows = self._session.execute(
+            select(Policy.name, PolicyVersion.number, Attempt.leased, Attempt.ended)
+            .select_from(Attempt)
+            .join(Shard, Attempt.shard_id == Shard.id)
+            .join(Evaluation, Shard.evaluation_id == Evaluation.id)
+            .join(PolicyVersion, Evaluation.policy_version_id == PolicyVersion.id)
+            .join(Policy, PolicyVersion.policy_id == Policy.id)
+            .where(
+                Evaluation.id != self._evaluation.id,
+                Attempt.leased < self._until,
+                or_(Attempt.ended.is_(None), Attempt.ended > self._evaluation.created),
+            )
+        )
+        return [_Held(*row) for row in rows]
 
 
 def _merged(gaps: Iterable[Gap]) -> list[Gap]:

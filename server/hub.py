@@ -28,6 +28,7 @@ from workers.sandbox.choice import Sandbox, chosen
 logger = logging.getLogger(__name__)
 WORKERS_LOG = "workers.log"
 RESERVE = 500 * 2**20  # bytes of disk below which nothing more is handed out
+TRIALS = 2  # of policies' servers at a time
 
 
 @dataclass
@@ -86,6 +87,7 @@ class Hub:
         scheduler = self.settings.scheduler
         self.membership = cluster.membership(self.folder.path, scheduler) if scheduler else None
         self.loading = asyncio.Lock()  # of a checkpoint: one takes much memory
+        self.trying = asyncio.Semaphore(TRIALS)  # of policies' servers, each a process that waits
 
     @property
     def address(self) -> str:

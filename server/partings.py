@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from itertools import zip_longest
 
 import numpy as np
-from sqlalchemy import func, select
+from sqlalchemy import Text, cast, func, select
 from sqlalchemy.orm import Session, aliased
 
 from hide_tasks.contract import DecisionRecord, HiddenState, Keyframe
@@ -92,7 +92,8 @@ def runs_of_same(session: Session, id: str) -> list[RunPublic]:
     newest = (
         select(func.max(Evaluation.id))
         .where(Evaluation.split == one.split, Evaluation.id != one.evaluation_id)
-        .where(Evaluation.state == EvaluationState.COMPLETED)
+        .where(Evaluation.state == EvaluationState.COMPLETED, Evaluation.episodes > one.index)
+        .where(cast(Evaluation.tasks, Text).contains(f'"{one.task}"', autoescape=True))
         .group_by(Evaluation.policy_version_id)
         .order_by(func.max(Evaluation.id).desc())
         .limit(MOST_RUNS)

@@ -4,33 +4,45 @@ Nothing is published below 100 % coverage: neither part of a suite nor an unfini
 """
 
 from sqlalchemy import select
-from sqlalchemy.orm import Session
+from sqlalchemy.orm import Session, defer
 
 from hide_tasks import ALL_TASKS, suite
 from server import snapshots
 from server.models import Evaluation, LeaderboardSnapshot
 from server.problems import Problem
-from server.schemas import PublicationPublic
+from server.schemas import PublicationPublic, SnapshotPublic
 from server.states import EvaluationState
 
 
 def of(session: Session, evaluation: Evaluation) -> PublicationPublic:
     """Whether an evaluation may be published, why not, and where it was."""
     why = hindrance(session, evaluation)
+    completed = evaluation.state == EvaluationState.COMPLETED
+    held = _held(session, evaluation) if completed else []
+    return PublicationPublic(publishable=why is None, reason=why, snapshots=held)
+
+
+def _held(session: Session, evaluation: Evaluation) -> list[SnapshotPublic]:
+    """The snapshots that an evaluation is in; their content may be large, and is left there."""
     held = session.scalars(
         select(LeaderboardSnapshot)
-        .where(LeaderboardSnapshot.content.contains(f'"evaluation":"{evaluation.id}"'))
+        .options(defer(LeaderboardSnapshot.content))
+        .where(
+            LeaderboardSnapshot.split == evaluation.split,
+            LeaderboardSnapshot.content.contains(f'"evaluation":"{evaluation.id}"'),
+        )
         .order_by(LeaderboardSnapshot.number)
     )
-    return PublicationPublic(
-        publishable=why is None,
-        reason=why,
-        snapshots=[snapshots.public(one) for one in held],
-    )
+    return [snapshots.public(one) for one in held]
 
 
 def hindrance(session: Session, one: Evaluation) -> str | None:
     """Why an evaluation may not be published; None if it may."""
+    return _part(one) or _superseded(session, one)
+
+
+def _part(one: Evaluation) -> str | None:
+    """Why an evaluation is no whole one of the present suite; None if it is."""
     if one.state != EvaluationState.COMPLETED:
         return f"It is {one.state}; nothing is published before every episode is final."
     if missing := set(ALL_TASKS) - set(one.tasks):
@@ -46,22 +58,20 @@ def hindrance(session: Session, one: Evaluation) -> str | None:
         )
     if one.rules != "hide" or (one.suite, one.suite_version) != (suite.SUITE, suite.VERSION):
         return "The leaderboard holds evaluations by the rules 'hide' of the present suite alone."
-    return _superseded(session, one)
+    return None
 
 
 def _superseded(session: Session, one: Evaluation) -> str | None:
-    newer = session.scalar(
-        select(Evaluation.id)
+    later = session.scalars(
+        select(Evaluation)
         .where(
             Evaluation.policy_version_id == one.policy_version_id,
             Evaluation.split == one.split,
-            Evaluation.rules == one.rules,
-            Evaluation.episodes == one.episodes,
-            Evaluation.state == EvaluationState.COMPLETED,
             Evaluation.id > one.id,
         )
         .order_by(Evaluation.id.desc())
     )
+    newer = next((other.id for other in later if _part(other) is None), None)
     return f"The leaderboard shows a newer one of this version, {newer}." if newer else None
 
 

@@ -119,7 +119,7 @@ def interval_of_means(a: Ints, b: Ints) -> tuple[float, float]:
         return interval(Table(*(int(cell.sum()) for cell in counts)))
     means = a.mean(axis=0), b.mean(axis=0)
     told = all(np.ptp(one) > 0 for one in means)
-    phi = max(0.0, float(np.corrcoef(*means)[0, 1])) if told else 0.0
+    phi = float(np.corrcoef(*means)[0, 1]) if told else 0.0
     return _of_pair(float(means[0].sum()), float(means[1].sum()), a.shape[1], phi)
 
 

@@ -80,13 +80,15 @@ def register_policy(
 
 @router.post("/connection")
 @needs(Scope.SUBMIT)
-def try_connection(wanted: ConnectionCreate, hub: TheHub) -> ConnectionPublic:
+async def try_connection(wanted: ConnectionCreate, hub: TheHub) -> ConnectionPublic:
     """Tries a policy's server as a worker would, and says what it answered; registers nothing.
 
     Refusals of the address, of the connection or of a decision are no error of the request: they
     are the last of `steps`.
     """
-    found = trial.tried(wanted.spec, tuple(hub.settings.allow_remote))
+    allowed = tuple(hub.settings.allow_remote)
+    async with hub.trying:  # a silent server takes a minute, and pages want the threads meanwhile
+        found = await asyncio.to_thread(trial.tried, wanted.spec, allowed)
     return ConnectionPublic(fits=found.fits, about=found.about, steps=found.steps)
 
 

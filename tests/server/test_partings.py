@@ -114,5 +114,21 @@ def test_an_episode_is_held_against_the_experts_newest_run(tmp_path: Path) -> No
     database.close()
 
 
+@pytest.mark.usefixtures("on_each_database")
+def test_a_later_run_of_something_else_hides_no_run_of_the_same(tmp_path: Path) -> None:
+    database, store = ledgers.opened(tmp_path), Blobs(tmp_path / "blobs")
+    noop = ledgers.evaluated(database, store, "noop", tasks=["search_drawer"], episodes=2)
+    expert = ledgers.evaluated(database, store, "expert", tasks=["search_drawer"], episodes=2)
+    ledgers.evaluated(database, store, "expert", tasks=["search_boxes"], episodes=2)
+    ledgers.evaluated(database, store, "expert", tasks=["search_drawer"], episodes=1)
+
+    with database.reading() as session:
+        second = ledgers.episodes_of(session, noop)[1]
+        runs = partings.runs_of_same(session, second.id)
+
+        assert [run.evaluation for run in runs] == [expert]
+    database.close()
+
+
 def _first(session: Session, evaluation: str) -> str:
     return ledgers.episodes_of(session, evaluation)[0].id

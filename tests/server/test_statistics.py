@@ -239,6 +239,15 @@ def test_more_versions_of_the_same_outcomes_say_no_more() -> None:
     assert sign_flip((5 * a - 5 * b).sum(0)) == sign_flip((a - b).sum(0))
 
 
+def test_what_one_manages_and_the_other_does_not_widens_the_interval_of_several_versions() -> None:
+    a = np.array([[1] * 40 + [0] * 40 + [1] * 5 + [0] * 5])
+    b = np.array([[0] * 40 + [1] * 40 + [1] * 5 + [0] * 5])
+
+    one, two = interval_of_means(a, b), interval_of_means(np.repeat(a, 2, 0), b)
+
+    assert two == pytest.approx(one, abs=0.005)
+
+
 def test_the_interval_of_a_mean_is_students() -> None:
     assert of_mean([1]) is None and of_mean([]) is None
     assert of_mean([2, 2, 2]) == (2.0, 2.0)

@@ -1,14 +1,18 @@
 """A policy's server is tried before it is registered, and says what is wrong."""
 
 import socket
+import threading
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from server.app import THREADS
 from tests.server.clients import API, TestClient, client, problem_of
 from tests.workers.remote.peers import JOINTS, STATE, answering, raw
+from workers.remote import trial
 from workers.remote.maps import Declaration, everything
 
 OURS = Declaration(model="mine", observation=everything(), max_sessions=3).message()
@@ -96,3 +100,23 @@ def test_what_is_no_remote_policy_is_refused(near: TestClient) -> None:
 
         assert answer.status_code == 422
         assert [one["field"] for one in problem_of(answer)["errors"]] == [field]
+
+
+def test_servers_that_keep_silent_stop_no_page(
+    near: TestClient, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    over = threading.Event()
+
+    def silent(*_: object) -> trial.Trial:
+        over.wait(60)
+        return trial.Trial(about=None, steps=[])
+
+    monkeypatch.setattr(trial, "tried", silent)
+    with ThreadPoolExecutor(THREADS + 1) as people:
+        trials = [people.submit(tried, near, "ws://127.0.0.1:9") for _ in range(THREADS)]
+        page = people.submit(near.get, f"{API}/policies")
+        try:
+            assert page.result(20).status_code == 200
+            assert not any(one.done() for one in trials)
+        finally:
+            over.set()

@@ -6,6 +6,7 @@ from datetime import datetime, timedelta
 from typing import Any
 
 import pytest
+from sqlalchemy import event
 
 from hide_tasks.contract import Failure
 from server import lifecycle, models
@@ -145,6 +146,46 @@ def test_waiting_says_who_was_played_meanwhile(here: TestClient, clock: Clock, h
     assert (phase["activity"], phase["detail"]) == ("queued", "workers played noop@1")
 
 
+def test_a_lost_try_has_the_reason_of_its_own_shard(
+    here: TestClient, clock: Clock, hand: Hand
+) -> None:
+    mine = create(here, tasks=["search_drawer", "search_boxes"], episodes=1)["id"]
+    first = hand.lease()
+    clock.after(1)
+    second = hand.lease()
+    for attempt, reason in ((second, "out of memory"), (first, "no disk")):
+        hand.begin(attempt)
+        clock.after(10)
+        hand.end(attempt, reason)
+
+    lost = [one["detail"] for one in history(here, mine)["phases"] if one["activity"] == "lost"]
+
+    assert lost == ["a try was lost: out of memory", "a try was lost: no disk"]
+
+
+def test_many_waits_take_no_more_questions_than_one(
+    here: TestClient, clock: Clock, hand: Hand
+) -> None:
+    tasks = ["search_drawer", "search_boxes", "lift_and_check", "reopen_drawer"]
+    mine = create(here, tasks=tasks, episodes=1)["id"]
+    asked: list[str] = []
+    event.listen(hand.hub.database.engine, "before_cursor_execute", lambda *a: asked.append(a[2]))
+    counted = []
+    for _ in tasks:
+        clock.after(30)
+        played = hand.lease()
+        hand.begin(played)
+        clock.after(30)
+        hand.finish(played)
+        hand.end(played)
+        asked.clear()
+        waits = [one for one in history(here, mine)["phases"] if one["activity"] != "playing"]
+        counted.append((len(waits), len(asked)))
+
+    assert [waits for waits, _ in counted] == [1, 2, 3, 4]
+    assert len({questions for _, questions in counted}) == 1
+
+
 def test_a_server_that_did_not_run_is_told_apart(
     here: TestClient, clock: Clock, hand: Hand
 ) -> None:
@@ -252,3 +293,11 @@ def test_what_a_newer_one_supersedes_is_not_published(here: TestClient) -> None:
 
     assert new in publication(here, old)["reason"]
     assert publication(here, new)["publishable"]
+
+
+def test_a_newer_part_supersedes_nothing(here: TestClient) -> None:
+    hub = hub_of(here)
+    whole = ledgers.evaluated(hub.database, hub.blobs)
+    ledgers.evaluated(hub.database, hub.blobs, tasks=["search_drawer"])
+
+    assert publication(here, whole)["publishable"]
