@@ -2,6 +2,7 @@
 
 import asyncio
 from collections.abc import Sequence
+from contextlib import nullcontext
 from typing import Annotated
 
 from fastapi import Header, Query, Request, Response
@@ -42,10 +43,18 @@ def list_policies(
 
 @router.post("", status_code=201)
 @needs(Scope.SUBMIT)
-def register_policy(
+async def register_policy(
     wanted: PolicyCreate, hub: TheHub, principal: ThePrincipal, response: Response
 ) -> PolicyVersionPublic:
     """A new policy, or the next version of one. It never changes afterwards."""
+    slow = isinstance(wanted.spec, PythonPolicy | RemotePolicy)  # as a connection that is tried
+    async with hub.trying if slow else nullcontext():
+        version = await asyncio.to_thread(_registered, wanted, hub, principal)
+    response.headers["Location"] = f"/api/v1/policies/{version.id}"
+    return version
+
+
+def _registered(wanted: PolicyCreate, hub: Hub, principal: Principal) -> PolicyVersionPublic:
     if isinstance(wanted.spec, PythonPolicy) and not hub.settings.allow_python:
         raise Problem(
             403,
@@ -73,9 +82,7 @@ def register_policy(
             principal=principal,
             known=facts.declared(wanted.declared) if wanted.declared else None,
         )
-        version = policies.public(session, row)
-    response.headers["Location"] = f"/api/v1/policies/{version.id}"
-    return version
+        return policies.public(session, row)
 
 
 @router.post("/connection")

@@ -3,7 +3,7 @@
 import socket
 import threading
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +12,7 @@ import pytest
 from server.app import THREADS
 from tests.server.clients import API, TestClient, client, problem_of
 from tests.workers.remote.peers import JOINTS, STATE, answering, raw
+from workers.policies import BadPolicy, Remote
 from workers.remote import trial
 from workers.remote.maps import Declaration, everything
 
@@ -111,9 +112,19 @@ def test_servers_that_keep_silent_stop_no_page(
         over.wait(60)
         return trial.Trial(about=None, steps=[])
 
+    def unreachable(*_: object) -> None:
+        over.wait(60)
+        raise BadPolicy("It keeps silent.")
+
     monkeypatch.setattr(trial, "tried", silent)
-    with ThreadPoolExecutor(THREADS + 1) as people:
-        trials = [people.submit(tried, near, "ws://127.0.0.1:9") for _ in range(THREADS)]
+    monkeypatch.setattr(Remote, "found", unreachable)
+    silence = {"kind": "remote", "url": "ws://127.0.0.1:9"}
+    wanted = {"name": "mine", "spec": silence}
+    with ThreadPoolExecutor(2 * THREADS + 1) as people:
+        trials: list[Future[Any]] = [
+            people.submit(tried, near, silence["url"]) for _ in range(THREADS)
+        ]
+        trials += [people.submit(near.post, f"{API}/policies", json=wanted) for _ in range(THREADS)]
         page = people.submit(near.get, f"{API}/policies")
         try:
             assert page.result(20).status_code == 200
