@@ -18,9 +18,7 @@ class Results(BaseModel):
 
     policy: str
     checkpoint: str | None = None  # SHA-256 of the policy's file, if it is one
-    remote: dict[str, str | int | bool | list[str]] | None = (
-        None  # what its server said
-    )
+    remote: dict[str, str | int | bool | list[str]] | None = None  # what its server said
     suite: str
     version: int
     split: Split
