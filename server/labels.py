@@ -104,14 +104,10 @@ def counted(session: Session, *episodes: ColumnElement[bool]) -> list[LabelCount
     return [LabelCount(label=str(label), episodes=episodes) for label, episodes in found]
 
 
-def has(label: str) -> ColumnElement[bool]:
-    """True for episodes on which a label stands."""
-    return (
-        select(EpisodeLabel.id)
-        .where(EpisodeLabel.episode_id == Episode.id, EpisodeLabel.label == label, _stands())
-        .correlate(Episode)
-        .exists()
-    )
+def has(any_of: Sequence[str]) -> ColumnElement[bool]:
+    """True for episodes on which one of these labels stands."""
+    stands = EpisodeLabel.label.in_(any_of) & _stands()
+    return Episode.id.in_(select(EpisodeLabel.episode_id).where(stands))
 
 
 def any_stands() -> ColumnElement[bool]:

@@ -48,10 +48,10 @@ def _of_people(wanted: Wanted) -> list[ColumnElement[bool]]:
     """Whose policy, what was said of it, and what is searched for."""
     found = [_plays(wanted.policy)] if wanted.policy else []
     if wanted.label:
-        found.append(or_(*map(labels.has, wanted.label)))
+        found.append(labels.has(wanted.label))
     if wanted.labelled is not None:
         found.append(labels.any_stands() if wanted.labelled else ~labels.any_stands())
-    return found + [_says(word) for word in (wanted.text or "").split()]
+    return found + [_says(word) for word in dict.fromkeys((wanted.text or "").split())]
 
 
 def _plays(names: Sequence[str]) -> ColumnElement[bool]:
