@@ -57,13 +57,13 @@ def preview(store: Blobs, episode: Episode) -> bytes:
 
     sha256 = _recording(store, episode)
 
-    def made() -> bytes:
-        seen = _read(store.path(sha256), pictures)
+    def made(path: Path) -> bytes:
+        seen = pictures(path)
         if PREVIEW_CAMERA not in seen:
             raise not_found("preview of episode", episode.id)
         return animated(seen[PREVIEW_CAMERA])
 
-    return _previews.get(sha256, made)
+    return _previews.get(sha256, lambda: _read(store.path(sha256), made))
 
 
 def observation(store: Blobs, episode: Episode, decision: int, camera: str) -> bytes:
