@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from workers.sandbox.limits import Limits
-from workers.sandbox.view import View, code
+from workers.sandbox.view import SCRATCH, View, code
 
 PROGRAM = "bwrap"
 SYSTEM = (
@@ -13,7 +13,6 @@ SYSTEM = (
     "/etc/alternatives",  # Debian's numeric libraries are links to there
     "/sys/devices/system",  # how many processors there are
 )
-SCRATCH = Path("/tmp")  # as the process sees it
 CODE = Path("/code")  # with links to our modules
 ALONE = (
     "--unshare-all",

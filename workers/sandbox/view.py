@@ -13,6 +13,7 @@ from pathlib import Path
 HIDDEN = "HIDE_SANDBOX_HIDDEN"  # in the environment: folders that no policy sees
 PACKAGES = ("hide_tasks", "seek_model", "workers")  # ours that a policy's process needs
 CLOSING = ("landlock", "pyseccomp")
+SCRATCH = Path("/tmp")  # a process has one of its own there, and shown the machine's it had none
 RUNS = "runs"  # where `hide eval` and `hide train` write by default
 TELLS_OF_EPISODES = ("results.json", "ledger.sqlite3")  # what is in a run's or a server's folder
 
@@ -86,7 +87,8 @@ def _view(files: list[Path], folders: list[Path], hidden: Iterable[Path]) -> Vie
     named = [Path(path) for path in os.environ.get(HIDDEN, "").split(os.pathsep) if path]
     unseen = frozenset(path.resolve() for path in (*named, *hidden))
     bare = [path for path in search if not _holds(path, ours) and not _within(path, installed)]
-    parts = [path.resolve() for path in (*bare, *folders) if path.is_dir() and not _is_home(path)]
+    parts = [path.resolve() for path in (*bare, *folders) if path.is_dir()]
+    parts = [path for path in parts if not _is_home(path) and path != SCRATCH]
     parts = [path for path in parts if not _within(path, unseen)]
     return View(
         whole=_once((*installed, *ours, *files)),

@@ -2,11 +2,15 @@
 
 import sys
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import pytest
 
+from workers.policies import Hosted, Surroundings
+from workers.preflight import preflight
 from workers.sandbox import view
-from workers.sandbox.view import View, code, of_checkpoint, of_class
+from workers.sandbox.bubblewrap import program
+from workers.sandbox.view import SCRATCH, View, code, of_checkpoint, of_class
 
 
 @pytest.fixture
@@ -82,3 +86,27 @@ def test_what_is_on_the_search_path_is_shown(
 
     assert tmp_path in of_checkpoint(tmp_path / "x").parts
     assert tmp_path in of_checkpoint(tmp_path / "x").search
+
+
+def test_the_machines_scratch_is_never_shown(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(SCRATCH)
+
+    assert SCRATCH not in of_class("some_policy:Some").parts
+
+
+@pytest.mark.skipif(not program(), reason="no bubblewrap")
+def test_a_class_that_starts_in_the_machines_scratch_may_write_to_its_own(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    with TemporaryDirectory(dir=SCRATCH) as folder:
+        file = Path(folder) / "writes.py"
+        file.write_text(
+            "import tempfile\n\n\nclass Writes:\n    def reset(self, *_):\n"
+            "        tempfile.TemporaryFile().close()\n\n    def act(self, _):\n"
+            '        return {"kind": "stop"}\n'
+        )
+        monkeypatch.chdir(SCRATCH)
+
+        checks = preflight(Hosted(f"{file}:Writes", Surroundings(sandbox="bubblewrap")).make(), 60)
+
+    assert {one.outcome for one in checks} <= {"passed", "noted"}
