@@ -215,3 +215,19 @@ def test_the_viewer_may_show_decisions_or_play_and_the_page_follows(
         until(page, f"({STATE})().then(state => state.recordings[0].play_state === 'playing')")
         page.click("#play")
         until(page, f"({STATE})().then(state => state.recordings[0].play_state === 'paused')")
+
+
+def test_the_viewer_leaves_the_keys_to_the_page_and_stands_still(
+    served: tuple[Site, str], browser: Browser
+) -> None:
+    site, address = served
+    with opened(browser, address, 900) as page:
+        page.goto(page_of(site, address))
+        until(page, f"({STATE})().then(state => state?.recordings[0]?.current_time)")
+        page.wait_for_timeout(3000)  # in which it would play, and take the focus
+
+        assert page.evaluate("document.activeElement.tagName") != "CANVAS"
+        assert page.evaluate(NOW) == "decision 0 of 8"
+        assert page.evaluate(f"({STATE})()")["recordings"][0]["play_state"] == "paused"
+        page.keyboard.press("ArrowRight")
+        assert page.evaluate(NOW) == "decision 1 of 8"

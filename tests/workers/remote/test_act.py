@@ -3,6 +3,7 @@
 import contextlib
 import json
 import os
+import re
 import socket
 import subprocess
 import threading
@@ -203,10 +204,21 @@ def sends(answer: bytes) -> Callable[[socket.socket], None]:
     """Answers the first request by this, whatever it is, and closes."""
 
     def handler(connection: socket.socket) -> None:
-        connection.recv(2**20)
+        read_whole(connection)
         connection.sendall(answer)
 
     return handler
+
+
+def read_whole(connection: socket.socket) -> None:
+    """Reads a request to its end: closed before, the connection is reset and its answer lost."""
+    found = b""
+    while piece := connection.recv(2**20):
+        found += piece
+        head, end, body = found.partition(b"\r\n\r\n")
+        length = re.search(rb"(?i)content-length: (\d+)", head)
+        if end and len(body) >= int(length[1] if length else 0):
+            return
 
 
 @contextlib.contextmanager

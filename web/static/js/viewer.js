@@ -30,6 +30,7 @@ export class Replay {
     /** @type {{seconds: number, decision: number} | null} */
     this.wanted = null;
     this.opened = false;
+    this.settled = false; // it stands where it was asked to
   }
 
   /**
@@ -39,6 +40,7 @@ export class Replay {
    */
   async start(told) {
     const { script = "", layout = "", recording = "" } = this.place.dataset;
+    this.#keepFocus();
     const { WebViewer } = await import(script);
     this.viewer = new WebViewer();
     /** On its way to a moment that was asked for it passes others. @param {number} time */
@@ -49,6 +51,7 @@ export class Replay {
       moved(Number(time));
     });
     this.viewer.on("play", () => {
+      if (!this.settled) return; // while it loads, it plays by itself
       this.wanted = null; // who plays in the viewer goes on from where it is
       told.played((this.playing = true));
     });
@@ -80,8 +83,8 @@ export class Replay {
     for (let tries = 0; this.wanted !== null; tries++) {
       /** @type {{seconds: number, decision: number}} */
       const wanted = this.wanted;
-      await this.#set({ ...this.#time(wanted), play_state: "paused" });
-      const there = tries > PATIENCE || (await this.#isAt(wanted));
+      const taken = await this.#set({ ...this.#time(wanted), play_state: "paused" });
+      const there = tries > PATIENCE || (taken && (await this.#isAt(wanted)));
       if (this.wanted !== wanted) tries = 0;
       else if (there) this.wanted = null;
       else await new Promise((resolve) => setTimeout(resolve, 200));
@@ -127,14 +130,25 @@ export class Replay {
     this.wanted = null;
     if (this.live && wanted === null) await this.#set({ timeline: "time", play_state: "following" });
     else await this.seek(wanted?.seconds ?? 0, wanted?.decision ?? 0);
+    this.settled = true;
+  }
+
+  /** The viewer takes the focus when it starts, and with it every key; only a reader may give it. */
+  #keepFocus() {
+    let given = false;
+    this.place.addEventListener("pointerdown", () => (given = true), true);
+    document.addEventListener("keydown", ({ key }) => (given ||= key === "Tab"), true);
+    this.place.addEventListener("focusin", ({ target }) => given || /** @type {HTMLElement} */ (target).blur());
   }
 
   /** @param {object} time */
   async #set(time) {
     try {
       await this.viewer.set_time(time);
+      return true;
     } catch (error) {
       console.warn("The viewer could not seek.", error); // the timeline is not there yet
+      return false;
     }
   }
 }
