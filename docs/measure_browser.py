@@ -33,12 +33,15 @@ SEEN = """() => new Promise((resolve) => {
         .observe({ type, buffered: true });
     watch("largest-contentful-paint", (one) => (drawn = Math.max(drawn, one.startTime)));
     watch("layout-shift", (one) => (shifted += one.value));
-    setTimeout(() => {
+    const patience = performance.now() + 5000;
+    const tell = () => {
+        if (!drawn && performance.now() < patience) return setTimeout(tell, 200);
         const all = ["navigation", "resource"].flatMap((t) => performance.getEntriesByType(t));
         const bytes = all.reduce((sum, one) => sum + one.transferSize, 0);
         resolve({ drawn, shifted, bytes, requests: all.length,
                   answer: performance.getEntriesByType("navigation")[0].responseStart });
-    }, 400);
+    };
+    setTimeout(tell, 400);
 })"""
 SHOWN = """document.querySelector("#viewer")?.viewer?.get_state().then(
     (state) => state?.recordings[0]?.current_time !== undefined)"""

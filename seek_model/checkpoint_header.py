@@ -100,7 +100,7 @@ def read_header(source: Path | bytes) -> Header:
 def _length(start: bytes, size: int) -> int:
     """The header's, in bytes."""
     if len(start) < 8:
-        raise BadCheckpoint(f"a file of {size} bytes is no checkpoint: it is a safetensors file")
+        raise BadCheckpoint(f"a file of {size} bytes cannot be a safetensors file")
     length = int(struct.unpack("<Q", start)[0])
     if length > LONGEST:
         raise BadCheckpoint(
