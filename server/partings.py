@@ -162,8 +162,9 @@ def _first_decision(a: Runs, b: Runs) -> tuple[int, int, str] | None:
         if one is None or other is None:
             who = "It ended" if one is None else "The other ended"
             return number, number, f"{who} after {number} decisions; here it parts."
-        if why := next(_differences(one, other), None):
-            return number, number, why
+        if found := list(_differences(one, other)):
+            after = next(_states(one, other), found[0])
+            return number, number, " ".join(dict.fromkeys((found[0], after)))
     return None
 
 
