@@ -134,6 +134,22 @@ def test_a_file_is_dropped_on_the_page(address: str, browser: Browser) -> None:
         assert page.evaluate("document.activeElement.id") == "file"
 
 
+def test_a_name_follows_the_file_until_somebody_gives_one(address: str, browser: Browser) -> None:
+    def choose(name: str) -> None:
+        page.set_input_files("#file", {"name": name, "mimeType": "", "buffer": b"x"})
+
+    with opened(browser, address) as page:
+        page.goto(f"{address}/evaluations/new?source=upload")
+        choose("first.safetensors")
+        choose("second.pt")
+        followed = page.input_value("#name")
+        page.fill("#name", "mine")
+        choose("third.pt")
+
+        assert followed == "second"
+        assert page.input_value("#name") == "mine"
+
+
 def test_an_evaluation_is_watched_as_it_goes_and_run_again(
     app: FastAPI, address: str, browser: Browser
 ) -> None:
