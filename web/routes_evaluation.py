@@ -19,7 +19,7 @@ from server.episodes import Cell
 from server.hub import Hub
 from server.models import Evaluation, now
 from server.schemas import AttemptPublic, HistoryPublic, RatePublic, Verdicts
-from server.states import ENDED, AttemptState
+from server.states import ENDED, AttemptState, Desired
 from web.templating import KeptParts, page, part
 from web.worker_lanes import ACTIVITIES, LanesDrawing, summary, waits
 
@@ -66,12 +66,13 @@ def show_live(session: Reading, hub: TheHub, id: str) -> HTMLResponse:
     """The part of the page that changes all the time: what is played, the lanes, the log."""
     row = evaluations.row(session, id)
     found = live(session, hub, row)
-    return HTMLResponse(found.now + found.rest, headers={"Cache-Control": "no-cache"})
+    return HTMLResponse(Markup().join(found), headers={"Cache-Control": "no-cache"})
 
 
 class Live(NamedTuple):
     """What changes all the time."""
 
+    started: Markup
     now: Markup
     rest: Markup
 
@@ -79,9 +80,14 @@ class Live(NamedTuple):
 def live(session: Session, hub: Hub, row: Evaluation) -> Live:
     """What is played now, who played when, and what happened."""
     found = history.of(session, row)
-    place = waiting.place(session, hub, row.id) if row.state not in ENDED else None
-    present = {"now_playing": _playing(found), "place": place}
-    return Live(part("evaluation_now.html", present), _rest(session, row, found))
+    present = {
+        "now_playing": _playing(found),
+        "stopping": row.desired == Desired.CANCELLED,
+        "place": waiting.place(session, hub, row.id) if row.state not in ENDED else None,
+        "held": waiting.handed_out(session, row.id),
+    }
+    started = part("evaluation_started.html", {"evaluation": row})
+    return Live(started, part("evaluation_now.html", present), _rest(session, row, found))
 
 
 def _rest(session: Session, row: Evaluation, found: HistoryPublic) -> Markup:

@@ -160,6 +160,7 @@ def test_an_evaluation_is_watched_as_it_goes_and_run_again(
     with opened(browser, address, WIDTHS["phone"]) as page:
         page.goto(f"{address}/evaluations/{id}")
         assert "1st in the queue" in page.inner_text("#live-now")
+        assert page.is_hidden("#reason") and page.inner_text("#live-started") == "–"
         assert "without workers" in page.inner_text("#live-now")
 
         with hub.database.writing() as session:
@@ -171,6 +172,10 @@ def test_an_evaluation_is_watched_as_it_goes_and_run_again(
             lifecycle.begin(session, leased[0], first)
         watch = page.wait_for_selector(f'#live-now a[href="/episodes/{playing}"]', timeout=20_000)
         assert watch and watch.inner_text().startswith("Watch")
+        assert page.title().startswith("noop@1, running ·")
+        assert page.locator("#live-started time").count() == 1
+        assert "1 shard waits" in page.inner_text("#live-now")
+        assert "1 shard is with a worker" in page.inner_text("#live-now")
         assert page.locator(f'.work a[href="/episodes/{playing}"] .running').count() == 1
         watch.focus()
 
