@@ -51,7 +51,7 @@ def show_evaluation(
     shown = {
         "evaluation": evaluation,
         "ended": ended,
-        "grid": grids.kept(key, partial(grid, session, id)) if ended else grid(session, id),
+        "grid": grids.kept(key, partial(grid, session, id, ended=True)) if ended else grid(session, id),
         "live": live(session, hub, row),
         "publication": publication.of(session, row),
         "printed": _printed(hub, principal),
@@ -119,8 +119,12 @@ def _printed(hub: Hub, principal: Principal) -> Sequence[str]:
     return log_tail.of(hub).lines if principal.may(Scope.MAINTAIN) else ()
 
 
-def grid(session: Session, id: str) -> Markup:
-    """Every episode as a cell, with each task's rates, by category."""
+def grid(session: Session, id: str, *, ended: bool = False) -> Markup:
+    """Every episode as a cell, with each task's rates, by category.
+
+    Args:
+        ended: what was not played waits no more.
+    """
     by_task: dict[str, list[Cell]] = defaultdict(list)
     for cell in episodes.cells(session, id):
         by_task[cell.task].append(cell)
@@ -129,7 +133,8 @@ def grid(session: Session, id: str) -> Markup:
         (kind, {task: row for task, row in rows.items() if row[0][0].category == kind})
         for kind in Category
     ]
-    return part("grid.html", {"kinds": [_kind(kind, some) for kind, some in kinds if some]})
+    shown = [_kind(kind, some) for kind, some in kinds if some]
+    return part("grid.html", {"kinds": shown, "ended": ended})
 
 
 def _kind(kind: Category, rows: dict[str, Any]) -> dict[str, Any]:

@@ -57,6 +57,16 @@ def test_what_is_handed_out_says_so_once_nothing_waits(tmp_path: Path) -> None:
     assert "1 shard is ready for the next worker that is free." in running
 
 
+def test_what_was_cancelled_before_it_was_played_is_not_pending(
+    client: TestClient, site: Site
+) -> None:
+    text = page(client, f"/evaluations/{site.cancelled}")
+
+    assert 'title="Episode 1: not played"' in text
+    assert "</i>not played</span>" in text and ": pending" not in text
+    assert "</i>pending</span>" in page(client, f"/evaluations/{site.running}")
+
+
 def test_what_changes_is_given_out_alone(client: TestClient, site: Site) -> None:
     text = page(client, f"/evaluations/{site.running}/live")
 
