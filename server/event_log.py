@@ -88,7 +88,7 @@ def _attempt(told: Told) -> Line:
     state = AttemptState(told["state"])
     why = f" ({told['reason']})" if told.get("reason") else ""
     text = f"{told['task']}, attempt {told['fence']} of a shard: {ATTEMPTS[state]}{why}"
-    return "" if state is AttemptState.DONE else "bad", text
+    return "bad" if state is AttemptState.LOST else "", text
 
 
 def _fault(told: Told) -> Line:

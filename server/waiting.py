@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from itertools import accumulate
 from typing import NamedTuple
 
-from sqlalchemy import ColumnElement, Integer, cast, func, select
+from sqlalchemy import ColumnElement, Integer, cast, exists, func, select
 from sqlalchemy.orm import Session
 
 from server.hub import Hub
@@ -61,6 +61,23 @@ def evaluations(session: Session) -> list[Waiting]:
         .order_by(Evaluation.priority.desc(), counted.c.leased, Evaluation.id)
     )
     return [Waiting(*row) for row in rows]
+
+
+class HandedOut(NamedTuple):
+    """How many shards of an evaluation are handed out."""
+
+    begun: int  # a worker plays their episodes
+    ahead: int  # that are to be begun by the next worker that is free
+
+
+def handed_out(session: Session, evaluation: str) -> HandedOut:
+    """The shards of an evaluation that do not wait and are not done."""
+    begun = exists().where(Episode.shard_id == Shard.id, Episode.fence == Shard.fence)
+    leased = select(begun).where(
+        Shard.evaluation_id == evaluation, Shard.state == ShardState.LEASED
+    )
+    found = list(session.scalars(leased))
+    return HandedOut(sum(found), len(found) - sum(found))
 
 
 def _busy_servers(session: Session) -> dict[str, int]:

@@ -19,7 +19,7 @@ from server.episodes import Cell
 from server.hub import Hub
 from server.models import Evaluation, now
 from server.schemas import AttemptPublic, HistoryPublic, RatePublic, Verdicts
-from server.states import ENDED, AttemptState
+from server.states import ENDED, AttemptState, Desired
 from web.templating import KeptParts, page, part
 from web.worker_lanes import ACTIVITIES, LanesDrawing, summary, waits
 
@@ -51,7 +51,7 @@ def show_evaluation(
     shown = {
         "evaluation": evaluation,
         "ended": ended,
-        "grid": grids.kept(key, partial(grid, session, id)) if ended else grid(session, id),
+        "grid": grids.kept(key, partial(grid, session, id, ended=True)) if ended else grid(session, id),
         "live": live(session, hub, row),
         "publication": publication.of(session, row),
         "printed": _printed(hub, principal),
@@ -66,12 +66,13 @@ def show_live(session: Reading, hub: TheHub, id: str) -> HTMLResponse:
     """The part of the page that changes all the time: what is played, the lanes, the log."""
     row = evaluations.row(session, id)
     found = live(session, hub, row)
-    return HTMLResponse(found.now + found.rest, headers={"Cache-Control": "no-cache"})
+    return HTMLResponse(Markup().join(found), headers={"Cache-Control": "no-cache"})
 
 
 class Live(NamedTuple):
     """What changes all the time."""
 
+    started: Markup
     now: Markup
     rest: Markup
 
@@ -79,9 +80,14 @@ class Live(NamedTuple):
 def live(session: Session, hub: Hub, row: Evaluation) -> Live:
     """What is played now, who played when, and what happened."""
     found = history.of(session, row)
-    place = waiting.place(session, hub, row.id) if row.state not in ENDED else None
-    present = {"now_playing": _playing(found), "place": place}
-    return Live(part("evaluation_now.html", present), _rest(session, row, found))
+    present = {
+        "now_playing": _playing(found),
+        "stopping": row.desired == Desired.CANCELLED,
+        "place": waiting.place(session, hub, row.id) if row.state not in ENDED else None,
+        "held": waiting.handed_out(session, row.id),
+    }
+    started = part("evaluation_started.html", {"evaluation": row})
+    return Live(started, part("evaluation_now.html", present), _rest(session, row, found))
 
 
 def _rest(session: Session, row: Evaluation, found: HistoryPublic) -> Markup:
@@ -113,8 +119,12 @@ def _printed(hub: Hub, principal: Principal) -> Sequence[str]:
     return log_tail.of(hub).lines if principal.may(Scope.MAINTAIN) else ()
 
 
-def grid(session: Session, id: str) -> Markup:
-    """Every episode as a cell, with each task's rates, by category."""
+def grid(session: Session, id: str, *, ended: bool = False) -> Markup:
+    """Every episode as a cell, with each task's rates, by category.
+
+    Args:
+        ended: what was not played waits no more.
+    """
     by_task: dict[str, list[Cell]] = defaultdict(list)
     for cell in episodes.cells(session, id):
         by_task[cell.task].append(cell)
@@ -123,7 +133,8 @@ def grid(session: Session, id: str) -> Markup:
         (kind, {task: row for task, row in rows.items() if row[0][0].category == kind})
         for kind in Category
     ]
-    return part("grid.html", {"kinds": [_kind(kind, some) for kind, some in kinds if some]})
+    shown = [_kind(kind, some) for kind, some in kinds if some]
+    return part("grid.html", {"kinds": shown, "ended": ended})
 
 
 def _kind(kind: Category, rows: dict[str, Any]) -> dict[str, Any]:

@@ -56,10 +56,11 @@ def show_form(
     """
     unfinished = list_uploads(session, hub, principal)
     before = evaluations.row(session, like) if like else None
+    begun = any(one.offset < one.length for one in unfinished)
     named = policy or like
     versions = policies.versions(session)
     shown = {
-        "source": source or ("upload" if upload or (unfinished and not named) else "here"),
+        "source": source or ("upload" if upload or (begun and not named) else "here"),
         "unfinished": unfinished,
         "limit": hub.settings.checkpoint_limit,
         "reserved": BUILTIN,

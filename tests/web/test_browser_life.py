@@ -134,6 +134,22 @@ def test_a_file_is_dropped_on_the_page(address: str, browser: Browser) -> None:
         assert page.evaluate("document.activeElement.id") == "file"
 
 
+def test_a_name_follows_the_file_until_somebody_gives_one(address: str, browser: Browser) -> None:
+    def choose(name: str) -> None:
+        page.set_input_files("#file", {"name": name, "mimeType": "", "buffer": b"x"})
+
+    with opened(browser, address) as page:
+        page.goto(f"{address}/evaluations/new?source=upload")
+        choose("first.safetensors")
+        choose("second.pt")
+        followed = page.input_value("#name")
+        page.fill("#name", "mine")
+        choose("third.pt")
+
+        assert followed == "second"
+        assert page.input_value("#name") == "mine"
+
+
 def test_an_evaluation_is_watched_as_it_goes_and_run_again(
     app: FastAPI, address: str, browser: Browser
 ) -> None:
@@ -144,6 +160,7 @@ def test_an_evaluation_is_watched_as_it_goes_and_run_again(
     with opened(browser, address, WIDTHS["phone"]) as page:
         page.goto(f"{address}/evaluations/{id}")
         assert "1st in the queue" in page.inner_text("#live-now")
+        assert page.is_hidden("#reason") and page.inner_text("#live-started") == "–"
         assert "without workers" in page.inner_text("#live-now")
 
         with hub.database.writing() as session:
@@ -155,6 +172,10 @@ def test_an_evaluation_is_watched_as_it_goes_and_run_again(
             lifecycle.begin(session, leased[0], first)
         watch = page.wait_for_selector(f'#live-now a[href="/episodes/{playing}"]', timeout=20_000)
         assert watch and watch.inner_text().startswith("Watch")
+        assert page.title().startswith("noop@1, running ·")
+        assert page.locator("#live-started time").count() == 1
+        assert "1 shard waits" in page.inner_text("#live-now")
+        assert "1 shard is with a worker" in page.inner_text("#live-now")
         assert page.locator(f'.work a[href="/episodes/{playing}"] .running').count() == 1
         watch.focus()
 

@@ -6,7 +6,9 @@ from pathlib import Path
 
 import pytest
 
+from server import lifecycle
 from server.states import EpisodeState
+from tests.server import ledgers
 from tests.server.people import peopled, token_of, visitor
 from tests.web import sites
 from tests.web.conftest import TestClient
@@ -34,6 +36,35 @@ def test_a_running_episode_is_one_click_from_being_watched(client: TestClient, s
 
     assert f'href="/episodes/{running}">Watch' in text
     assert '<rect class="running"' in text and '<rect class="failed"' in text
+
+
+def test_what_is_handed_out_says_so_once_nothing_waits(tmp_path: Path) -> None:
+    app = sites.empty(tmp_path)
+    client = TestClient(app, base_url="http://127.0.0.1")
+    with app.state.hub.database.writing() as session:
+        id = ledgers.created(session, "expert", tasks=["search_drawer"], episodes=10).id
+    queued = page(client, f"/evaluations/{id}")
+    with app.state.hub.database.writing() as session:
+        attempt, shard = sites.taken(session)
+        lifecycle.begin(session, attempt, lifecycle.open_episodes(shard)[0])
+        sites.taken(session)
+
+    running = page(client, f"/evaluations/{id}")
+
+    app.state.hub.stop()
+    assert "1st in the queue" in queued and "waits for a worker" not in queued
+    assert "Nothing waits to be handed out. 1 shard is with a worker, which plays" in running
+    assert "1 shard is ready for the next worker that is free." in running
+
+
+def test_what_was_cancelled_before_it_was_played_is_not_pending(
+    client: TestClient, site: Site
+) -> None:
+    text = page(client, f"/evaluations/{site.cancelled}")
+
+    assert 'title="Episode 1: not played"' in text
+    assert "</i>not played</span>" in text and ": pending" not in text
+    assert "</i>pending</span>" in page(client, f"/evaluations/{site.running}")
 
 
 def test_what_changes_is_given_out_alone(client: TestClient, site: Site) -> None:

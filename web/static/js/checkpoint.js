@@ -1,7 +1,7 @@
 /** The form that uploads a checkpoint: hashed, sent piece by piece, tried, chosen in the other form. */
 import { Refused } from "./api.js";
 import { sameHash, showChecks } from "./checks.js";
-import { dropping } from "./drop.js";
+import { dropping, keepName } from "./drop.js";
 import { digestOf } from "./hash.js";
 import { Pace } from "./pace.js";
 import { arrived, from, refresh } from "./policies.js";
@@ -151,6 +151,7 @@ async function unfinished(row, what) {
   if (what === "choose") {
     expected = { name, sha256 };
     /** @type {HTMLInputElement} */ (form.elements.namedItem("name")).value = name;
+    keepName(form);
     from("upload");
     say(`Choose the file of ${name} again, the one whose SHA-256 begins with ${sha256.slice(0, 12)}.`);
     return part("[name=file]").focus();

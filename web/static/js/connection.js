@@ -41,6 +41,7 @@ form.addEventListener("input", (event) => {
 async function tried() {
   const url = /** @type {HTMLInputElement} */ (part("#server-url"));
   if (!url.reportValidity()) return;
+  answer.hidden = true;
   await working("Connecting…", async () => {
     /** @type {Answer} */
     const found = await post("/api/v1/policies/connection", { spec: spec() });

@@ -33,14 +33,22 @@ export function dropping(form, busy) {
   const said = /** @type {HTMLElement} */ (form.querySelector("[data-chosen]"));
   const before = said.innerHTML;
   input.addEventListener("change", () => show(form, place, said, input.files?.[0]));
+  const name = /** @type {HTMLInputElement} */ (form.elements.namedItem("name"));
+  name.addEventListener("input", () => keepName(form));
   form.addEventListener("reset", () => {
+    keepName(form);
     place.classList.remove("chosen");
     said.innerHTML = before;
   });
 }
 
+/** The name that stands is not the file's: another file leaves it. @param {HTMLFormElement} form */
+export function keepName(form) {
+  delete (/** @type {HTMLInputElement} */ (form.elements.namedItem("name")).dataset.ofFile);
+}
+
 /**
- * Says which file is chosen, and names the policy after it unless it has a name.
+ * Says which file is chosen, and names the policy after it unless somebody gave it a name.
  * @param {HTMLFormElement} form
  * @param {HTMLElement} place
  * @param {HTMLElement} said
@@ -51,5 +59,7 @@ function show(form, place, said, file) {
   if (!file) return;
   said.textContent = `${file.name}, ${(file.size / MEGABYTE).toFixed(1)} MB`;
   const name = /** @type {HTMLInputElement} */ (form.elements.namedItem("name"));
-  name.value ||= file.name.replace(/\.[a-z]+$/i, "").replace(/[^A-Za-z0-9 _.:+-]/g, "_").slice(0, 80);
+  if (name.value && name.value !== name.dataset.ofFile) return;
+  name.value = file.name.replace(/\.[a-z]+$/i, "").replace(/[^A-Za-z0-9 _.:+-]/g, "_").slice(0, 80);
+  name.dataset.ofFile = name.value;
 }

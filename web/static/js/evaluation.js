@@ -159,6 +159,7 @@ function showState(state, reason) {
   const badge = /** @type {HTMLElement} */ (document.querySelector("#state .state"));
   badge.className = `state ${state}`;
   badge.textContent = state;
+  document.title = document.title.replace(/^.*(?= · )/, `${root.dataset.policy}, ${state}`);
   const place = /** @type {HTMLElement} */ (document.getElementById("reason"));
   place.textContent = reason ?? "";
   place.hidden = !reason;

@@ -1,6 +1,6 @@
 /** Keeps the part of an evaluation's page up to date that the server draws: lanes, log, what plays. */
 
-const PARTS = ["live-now", "live-rest"];
+const PARTS = ["live-started", "live-now", "live-rest"];
 const OFTEN = 1500; // ms between two looks while something happens
 const SELDOM = 6000; // ms between two while nothing does: what runs grows longer
 const AT_END = 40; // pixels from the log's end that count as being there
