@@ -53,6 +53,7 @@ def test_failures_of_all_evaluations_are_shown(client: TestClient, site: Site) -
         whole = session.scalar(select(func.count()).where(Episode.failure.is_not(None)))
 
     assert total(text) == whole
+    assert f"<b>{whole}</b> episodes that are not exact, in all evaluations" in text
     assert len(shown(text)) == 30
     assert 'aria-current="page">Failures' in text
 
@@ -147,6 +148,10 @@ def test_what_is_wrong_is_told_with_what_is_right(
 ) -> None:
     assert right in unescape(page(client, f"/failures?{query}", 422))
     assert right in unescape(page(client, f"/evaluations/{site.completed}/failures?{query}", 422))
+
+
+def test_what_is_wrong_is_told_in_our_words_alone(client: TestClient) -> None:
+    assert "Value error" not in page(client, "/failures?variation=red", 422)
 
 
 def test_an_unknown_evaluation_is_not_found(client: TestClient) -> None:
