@@ -4,7 +4,7 @@ from itertools import groupby
 from typing import Annotated, Any
 
 from fastapi import Query, Request
-from fastapi.responses import HTMLResponse
+from fastapi.responses import HTMLResponse, RedirectResponse
 from markupsafe import Markup
 from sqlalchemy.orm import Session
 
@@ -48,14 +48,23 @@ def show_comparison(
     typed = [one.strip() for one in [*policy, a, b] if one.strip()]
     asked = Asked(typed, split, verdict, category, which, task)
     shown, problem = {}, None
-    if len(typed) > 1:
-        try:
+    try:
+        if len(typed) > 1:
             shown = _compared(session, asked)
-        except Problem as error:
-            problem = error
+        elif typed:
+            comparisons.require_known(session, "policy.0", typed[0])
+    except Problem as error:
+        problem = error
     form = {"asked": asked, "splits": SPLITS, "LETTERS": LETTERS, **_form(session, asked, problem)}
     status = problem.status if problem else 200
     return page(request, "comparison.html", {"found": None, **form, **shown}, status=status)
+
+
+@router.get("/compare")
+@needs(Scope.READ)
+def show_comparison_by_its_verb(request: Request) -> RedirectResponse:
+    """The same, for who writes the address by heart."""
+    return RedirectResponse(f"/comparisons?{request.url.query}".rstrip("?"), 308)
 
 
 def _form(session: Session, asked: Asked, problem: Problem | None) -> dict[str, Any]:

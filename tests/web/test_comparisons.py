@@ -135,6 +135,7 @@ def test_episodes_are_found_by_who_managed_them(client: TestClient, which: str, 
     ("asked", "status", "said"),
     [
         ("policy=ada&policy=bbo", 422, "did you mean bob?"),
+        ("policy=bbo", 422, "did you mean bob?"),
         ("policy=ada&policy=late", 422, "late@1 has no completed evaluation on test"),
         ("policy=ada&policy=bob&policy=ada@1", 422, "the same as the first"),
         ("policy=ada&policy=bob&split=val", 422, "ada@1 has no completed evaluation on val"),
@@ -158,6 +159,13 @@ def test_one_alone_asks_for_another_and_says_who_could_be_it(client: TestClient)
     for name in NAMES[1:]:
         assert f'href="/comparisons?policy=ada&policy={name}%401"' in text
     assert 'aria-label="Add ada' not in text
+
+
+def test_the_verb_leads_to_the_page(client: TestClient) -> None:
+    answer = client.get("/compare?policy=ada&policy=bob", follow_redirects=False)
+
+    assert answer.status_code == 308
+    assert answer.headers["location"] == "/comparisons?policy=ada&policy=bob"
 
 
 def test_a_policy_is_taken_out_by_a_link(client: TestClient) -> None:
