@@ -87,7 +87,7 @@ def found(session: Session, texts: Sequence[str], split: Split) -> list[Evaluati
 
 
 def suggested(session: Session, split: Split, *, limit: int = 200) -> list[Evaluation]:
-    """The evaluation that stands for each of the latest policy versions; the most episodes first."""
+    """The evaluation that stands for each of the latest policy versions; those of most first."""
     wanted = (
         select(Evaluation)
         .where(

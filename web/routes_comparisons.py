@@ -1,7 +1,7 @@
 """Two to six policies on the same episodes."""
 
 from itertools import groupby
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 from fastapi import Query, Request
 from fastapi.responses import HTMLResponse, RedirectResponse
@@ -28,6 +28,13 @@ router = Router(include_in_schema=False)
 SPLITS: tuple[Split, ...] = ("test", "val", "train")
 MOST_SUGGESTED = 12
 MOST_LISTED = 60  # episodes
+
+
+class Taken(NamedTuple):
+    """The evaluation that is compared, and how many more its policy's name could have meant."""
+
+    evaluation: Evaluation
+    others: int
 
 
 @router.get("/comparisons")
@@ -109,6 +116,10 @@ def _compared(session: Session, asked: Asked) -> dict[str, Any]:
     found = several.compare(session, ones, verdict=asked.verdict)
     return {
         "found": found,
+        "taken": [
+            Taken(one, comparisons.others(session, one) if text != one.id else 0)
+            for one, text in zip(ones, asked.policies, strict=True)
+        ],
         "group": found.categories.get(str(asked.category), found.overall),
         "bars": _bars(found),
         "choices": comparing.choices(len(ones)),
