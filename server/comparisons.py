@@ -76,9 +76,9 @@ def compare(
 
 
 def find(session: Session, field: str, text: str, split: Split) -> Evaluation:
-    """The evaluation of this id, or a policy's latest completed one on a split.
+    """The evaluation of this id, or the completed one on a split that stands for a policy.
 
-    One of the whole split goes before a later part of it: a new checkpoint's trial, for one.
+    More episodes go before a later trial of fewer.
 
     Args:
         field: what to call it if it is wrong.
@@ -88,16 +88,40 @@ def find(session: Session, field: str, text: str, split: Split) -> Evaluation:
     """
     if found := session.get(Evaluation, text):
         return found
+    version = _version(session, field, text)
+    if here := session.scalars(_completed(version.id, split)).all():
+        return max(here, key=standing)
+    raise invalid(field, _why_none(session, version, split))
+
+
+def require_known(session: Session, field: str, text: str) -> None:
+    """Does nothing if an evaluation or a policy is named, be it one that has played nothing.
+
+    Raises:
+        Problem: 422, neither is; it names the nearest.
+    """
+    if not session.get(Evaluation, text):
+        _version(session, field, text)
+
+
+def _version(session: Session, field: str, text: str) -> PolicyVersion:
     try:
-        version = policies.find(session, text)
+        return policies.find(session, text)
     except Problem as problem:
         message = f"is no evaluation, and {problem.errors[0]['message']}"
         raise invalid(field, message) from None
-    completed = _of_version(version).where(Evaluation.state == EvaluationState.COMPLETED)
-    here = session.scalars(completed.where(Evaluation.split == split)).all()
-    if here:
-        return max(here, key=lambda one: (is_whole(one), one.id))
-    raise invalid(field, _why_none(session, version, split))
+
+
+def standing(one: Evaluation) -> tuple[bool, int, str]:
+    """Which of a policy's evaluations stands for it: a whole one, then that of the most episodes,
+    then the newest."""
+    return is_whole(one), len(one.tasks) * one.episodes, one.id
+
+
+def others(session: Session, one: Evaluation) -> int:
+    """How many more completed evaluations its policy has on its split."""
+    found = session.scalars(_completed(one.policy_version_id, one.split)).all()
+    return sum(other.id != one.id for other in found)
 
 
 def is_whole(one: Evaluation) -> bool:
@@ -107,14 +131,19 @@ def is_whole(one: Evaluation) -> bool:
     return of_ours and whole and set(one.tasks) == set(ALL_TASKS)
 
 
-def _of_version(version: PolicyVersion) -> Select[Evaluation]:
-    of_policy = Evaluation.policy_version_id == version.id
+def _of_version(version: str) -> Select[Evaluation]:
+    of_policy = Evaluation.policy_version_id == version
     return select(Evaluation).where(of_policy, Evaluation.rules == "hide")
+
+
+def _completed(version: str, split: str) -> Select[Evaluation]:
+    completed = Evaluation.state == EvaluationState.COMPLETED
+    return _of_version(version).where(completed, Evaluation.split == split)
 
 
 def _why_none(session: Session, version: PolicyVersion, split: Split) -> str:
     name = f"{version.policy.name}@{version.number}"
-    others = session.scalars(_of_version(version).order_by(Evaluation.id.desc()).limit(50)).all()
+    others = session.scalars(_of_version(version.id).order_by(Evaluation.id.desc()).limit(50)).all()
     under_way = [one for one in others if one.split == split]
     elsewhere = {one.split for one in others if one.state == EvaluationState.COMPLETED}
     why = f"{name} has no completed evaluation on {split}"

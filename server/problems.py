@@ -72,13 +72,18 @@ def invalid(field: str, message: str) -> Problem:
 
 def of_validation(errors: Sequence[Mapping[str, Any]]) -> Problem:
     """What pydantic found wrong."""
-    found = [{"field": _field(error["loc"]), "message": error["msg"]} for error in errors]
+    found = [{"field": _field(error["loc"]), "message": _said(error)} for error in errors]
     if errors[0]["type"] == "json_invalid":
         found = [{"field": "body", "message": f"is not JSON: {errors[0]['ctx']['error']}"}]
     first = found[0]
     more = f" (and {len(found) - 1} more)" if len(found) > 1 else ""
     detail = f"{first['field']}: {first['message']}{more}"
     return Problem(422, "invalid", detail, found[:MOST_ERRORS])
+
+
+def _said(error: Mapping[str, Any]) -> str:
+    """The message, without the name of the exception that pydantic puts before our own."""
+    return str(error["msg"]).removeprefix("Value error, ").removeprefix("Assertion failed, ")
 
 
 def _field(location: Sequence[str | int]) -> str:

@@ -87,7 +87,7 @@ def found(session: Session, texts: Sequence[str], split: Split) -> list[Evaluati
 
 
 def suggested(session: Session, split: Split, *, limit: int = 200) -> list[Evaluation]:
-    """The evaluation that stands for each of the latest policy versions; whole ones first."""
+    """The evaluation that stands for each of the latest policy versions; those of most first."""
     wanted = (
         select(Evaluation)
         .where(
@@ -98,7 +98,7 @@ def suggested(session: Session, split: Split, *, limit: int = 200) -> list[Evalu
         .order_by(Evaluation.id.desc())
         .limit(limit)
     )
-    ones = sorted(session.scalars(wanted), key=comparisons.is_whole, reverse=True)
+    ones = sorted(session.scalars(wanted), key=comparisons.standing, reverse=True)
     first: dict[str, Evaluation] = {}
     for one in ones:
         first.setdefault(one.policy_version_id, one)

@@ -63,7 +63,8 @@ def shown_facets(filters: Filters, counted: EpisodeFacets) -> list[Facet]:
 
 def _facet(filters: Filters, field: str, values: list[FacetValue]) -> Facet:
     most = max((one.episodes for one in values), default=1) or 1
-    there = {one.value for one in values}
+    there = [one.value for one in values]
+    filters = _versioned(filters, there) if field == "policy" else filters
     asked = [str(one) for one in getattr(filters, field)]
     values = [*values, *(FacetValue(value=v, episodes=0) for v in asked if v not in there)]
     choices = [
@@ -81,6 +82,15 @@ def _facet(filters: Filters, field: str, values: list[FacetValue]) -> Facet:
     first = [one for at, one in enumerate(choices) if at < few or one.chosen]
     rest = [one for at, one in enumerate(choices) if at >= few and not one.chosen]
     return Facet(field, TITLES[field], first, rest, sum(one.chosen for one in choices))
+
+
+def _versioned(filters: Filters, there: list[str]) -> Filters:
+    """A policy's bare name is all its versions that are there."""
+    versions: dict[str, list[str]] = {}
+    for one in there:
+        versions.setdefault(one.rpartition("@")[0], []).append(one)
+    asked = [v for one in filters.policy for v in versions.get(one, [one])]
+    return filters.model_copy(update={"policy": list(dict.fromkeys(asked))})
 
 
 def name_of(field: str, written: str) -> str:

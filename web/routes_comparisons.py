@@ -1,10 +1,10 @@
 """Two to six policies on the same episodes."""
 
 from itertools import groupby
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 from fastapi import Query, Request
-from fastapi.responses import HTMLResponse
+from fastapi.responses import HTMLResponse, RedirectResponse
 from markupsafe import Markup
 from sqlalchemy.orm import Session
 
@@ -30,6 +30,13 @@ MOST_SUGGESTED = 12
 MOST_LISTED = 60  # episodes
 
 
+class Taken(NamedTuple):
+    """The evaluation that is compared, and how many more its policy's name could have meant."""
+
+    evaluation: Evaluation
+    others: int
+
+
 @router.get("/comparisons")
 @needs(Scope.READ)
 def show_comparison(
@@ -48,14 +55,23 @@ def show_comparison(
     typed = [one.strip() for one in [*policy, a, b] if one.strip()]
     asked = Asked(typed, split, verdict, category, which, task)
     shown, problem = {}, None
-    if len(typed) > 1:
-        try:
+    try:
+        if len(typed) > 1:
             shown = _compared(session, asked)
-        except Problem as error:
-            problem = error
+        elif typed:
+            comparisons.require_known(session, "policy.0", typed[0])
+    except Problem as error:
+        problem = error
     form = {"asked": asked, "splits": SPLITS, "LETTERS": LETTERS, **_form(session, asked, problem)}
     status = problem.status if problem else 200
     return page(request, "comparison.html", {"found": None, **form, **shown}, status=status)
+
+
+@router.get("/compare")
+@needs(Scope.READ)
+def show_comparison_by_its_verb(request: Request) -> RedirectResponse:
+    """The same, for who writes the address by heart."""
+    return RedirectResponse(f"/comparisons?{request.url.query}".rstrip("?"), 308)
 
 
 def _form(session: Session, asked: Asked, problem: Problem | None) -> dict[str, Any]:
@@ -100,6 +116,10 @@ def _compared(session: Session, asked: Asked) -> dict[str, Any]:
     found = several.compare(session, ones, verdict=asked.verdict)
     return {
         "found": found,
+        "taken": [
+            Taken(one, comparisons.others(session, one) if text != one.id else 0)
+            for one, text in zip(ones, asked.policies, strict=True)
+        ],
         "group": found.categories.get(str(asked.category), found.overall),
         "bars": _bars(found),
         "choices": comparing.choices(len(ones)),

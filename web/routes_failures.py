@@ -1,6 +1,7 @@
 """Failures: episodes of all evaluations or of one, by what they differ in, each with its reason."""
 
 from collections.abc import Sequence
+from datetime import datetime
 from typing import Annotated, Any, NamedTuple
 
 from fastapi import Query, Request
@@ -26,6 +27,7 @@ class Card(NamedTuple):
     """An episode with what is said of it."""
 
     episode: EpisodePublic
+    asked: datetime  # when its evaluation was
     parting: PartingPublic | None  # from the expert, if it played the same
     why: str  # they part
     labels: list[LabelPublic]  # that stand
@@ -76,14 +78,20 @@ def cards(session: Session, found: Sequence[EpisodePublic]) -> list[Card]:
     ids = [one.id for one in found]
     parts = partings.from_expert(session, ids)
     said = labels.of_episodes(session, ids)
-    return [_card(one, parts.get(one.id), said[one.id]) for one in found]
+    asked = {id: evaluations.row(session, id).created for id in {one.evaluation for one in found}}
+    return [_card(one, asked[one.evaluation], parts.get(one.id), said[one.id]) for one in found]
 
 
-def _card(episode: EpisodePublic, parts: PartingPublic | None, said: Sequence[LabelPublic]) -> Card:
+def _card(
+    episode: EpisodePublic,
+    asked: datetime,
+    parts: PartingPublic | None,
+    said: Sequence[LabelPublic],
+) -> Card:
     why = parts.why if parts else ""
     for word in ("the other", "The other"):
         why = why.replace(word, word.replace("other", "expert"))
-    return Card(episode, parts, why, [one for one in said if not one.withdrawn])
+    return Card(episode, asked, parts, why, [one for one in said if not one.withdrawn])
 
 
 def _why_empty(session: Session, filters: Filters) -> dict[str, Any]:

@@ -1,6 +1,8 @@
 """Of one episode: what its policy believed, its actions, and how to play it again."""
 
-from server import beliefs, reruns
+from fastapi import Response
+
+from server import beliefs, episodes, reruns
 from server.access import Router, Scope, needs
 from server.deps import Reading
 from server.schemas import BeliefsPublic, RerunPublic
@@ -18,8 +20,10 @@ def get_beliefs(episode: str, session: Reading) -> BeliefsPublic:
 
 @router.get("/actions.json")
 @needs(Scope.READ)
-def get_actions(episode: str, session: Reading) -> EpisodeActions:
+def get_actions(episode: str, session: Reading, response: Response) -> EpisodeActions:
     """Its actions as a file, which `hide eval replay:FILE.json` plays again."""
+    name = reruns.actions_file(episodes.get(session, episode))
+    response.headers["Content-Disposition"] = f'attachment; filename="{name}"'
     return reruns.actions_of(session, episode)
 
 

@@ -169,9 +169,14 @@ def test_two_runs_stand_beside_each_other_and_move_together(
         page.keyboard.press("End")
         assert page.inner_text("[data-place=here]") == "the end"
         assert page.inner_text("[data-place=there]") == "decision 8"  # it has more
+        page.keyboard.press("Home")
+        page.keyboard.press("ArrowRight")
         assert page.evaluate("document.documentElement.scrollWidth - innerWidth") <= 0
         page.locator("body").press("c")
         page.wait_for_url(lambda url: "beside" not in url)
+        assert page.evaluate(NOW) == "decision 1 of 8"
+        page.locator("body").press("c")
+        page.wait_for_url(lambda url: "beside" in url and "at=1" in url)
 
 
 def test_a_command_is_copied_and_says_so(served: tuple[Site, str], browser: Browser) -> None:

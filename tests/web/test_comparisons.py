@@ -35,6 +35,11 @@ def app(tmp_path_factory: pytest.TempPathFactory) -> Iterator[FastAPI]:
         ledgers.registered(hub.database, name)
         ledgers.evaluated(hub.database, hub.blobs, name, failing(place))
     ledgers.registered(hub.database, "late")
+    for name, counts in {"eve": (3, 1, 3, 2), "fay": (3,)}.items():
+        ledgers.registered(hub.database, name)
+        for count in counts:
+            on = {"split": "val", "tasks": ["search_drawer"], "episodes": count}
+            ledgers.evaluated(hub.database, hub.blobs, name, **on)
     yield app
     hub.stop()
 
@@ -135,6 +140,7 @@ def test_episodes_are_found_by_who_managed_them(client: TestClient, which: str, 
     ("asked", "status", "said"),
     [
         ("policy=ada&policy=bbo", 422, "did you mean bob?"),
+        ("policy=bbo", 422, "did you mean bob?"),
         ("policy=ada&policy=late", 422, "late@1 has no completed evaluation on test"),
         ("policy=ada&policy=bob&policy=ada@1", 422, "the same as the first"),
         ("policy=ada&policy=bob&split=val", 422, "ada@1 has no completed evaluation on val"),
@@ -151,6 +157,23 @@ def test_what_cannot_be_compared_is_said_beside_what_was_typed(
         assert f'name="policy" value="{typed}"' in text
 
 
+def test_of_several_evaluations_the_newest_of_the_most_episodes_is_taken_and_told(
+    client: TestClient,
+) -> None:
+    text = page(client, "policy=eve&policy=fay&split=val")
+    ones = client.get("/api/v1/evaluations?policy=eve").json()["items"]
+    trial, taken, *_ = sorted(ones, key=lambda one: one["id"], reverse=True)
+
+    rates = text.partition('class="list standing"')[2].partition("</table>")[0]
+    assert rates.count("1 task × 3 episodes") == 2
+    assert f'<a href="/evaluations/{taken["id"]}"><time' in rates
+    assert "eve@1 has 3 more completed evaluations on val" in text
+    assert "fay@1 has" not in text
+    chosen = page(client, f"policy={trial['id']}&policy=fay&split=val")
+    assert "1 task × 2 episodes" in chosen and "eve@1 has" not in chosen
+    assert 'title="too few episodes"' in text
+
+
 def test_one_alone_asks_for_another_and_says_who_could_be_it(client: TestClient) -> None:
     text = page(client, "policy=ada")
 
@@ -158,6 +181,13 @@ def test_one_alone_asks_for_another_and_says_who_could_be_it(client: TestClient)
     for name in NAMES[1:]:
         assert f'href="/comparisons?policy=ada&policy={name}%401"' in text
     assert 'aria-label="Add ada' not in text
+
+
+def test_the_verb_leads_to_the_page(client: TestClient) -> None:
+    answer = client.get("/compare?policy=ada&policy=bob", follow_redirects=False)
+
+    assert answer.status_code == 308
+    assert answer.headers["location"] == "/comparisons?policy=ada&policy=bob"
 
 
 def test_a_policy_is_taken_out_by_a_link(client: TestClient) -> None:

@@ -206,6 +206,18 @@ def test_a_moment_past_the_end_is_the_end(two: tuple[Site, str]) -> None:
     assert "Seen at the end" in page(site, f"/episodes/{amnesiac}?at=99")
 
 
+def test_the_moment_goes_along_when_a_run_is_set_beside_or_taken_away(
+    two: tuple[Site, str],
+) -> None:
+    site, amnesiac = two
+    alone = page(site, f"/episodes/{amnesiac}?at=2")
+    both = page(site, f"/episodes/{amnesiac}?at=2&beside={expert_of(site)}")
+
+    assert 'id="compare-at" value="2">' in alone and 'id="compare-at" value="2">' in both
+    assert f'id="compare" href="/episodes/{amnesiac}?at=2"' in both
+    assert 'value="0" disabled>' in page(site, f"/episodes/{amnesiac}")
+
+
 def test_without_a_recording_there_are_no_pictures_and_all_the_rest(two: tuple[Site, str]) -> None:
     site, _ = two
     [id, *_] = site.episodes(site.completed, failure=Failure.OVERCOUNT)

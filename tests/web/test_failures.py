@@ -53,6 +53,7 @@ def test_failures_of_all_evaluations_are_shown(client: TestClient, site: Site) -
         whole = session.scalar(select(func.count()).where(Episode.failure.is_not(None)))
 
     assert total(text) == whole
+    assert f"<b>{whole}</b> episodes that are not exact, in all evaluations" in text
     assert len(shown(text)) == 30
     assert 'aria-current="page">Failures' in text
 
@@ -77,6 +78,15 @@ def test_two_values_of_a_facet_show_both(client: TestClient, site: Site) -> None
     assert counts(both)["overcount"][1] == counts(one)["overcount"][1]
 
 
+def test_a_policys_bare_name_is_all_its_versions(client: TestClient) -> None:
+    bare, versioned = (page(client, f"/failures?policy={one}") for one in ("mine", "mine%401"))
+
+    assert total(bare) == total(versioned) == counts(bare)["mine@1"][1]
+    assert "mine" not in counts(bare)
+    [ticked] = re.findall(r'<a href="([^"]+)" aria-current="true"><span class="name">mine@1<', bare)
+    assert "policy=mine" not in ticked
+
+
 def test_a_card_says_what_went_wrong(client: TestClient, site: Site) -> None:
     path = f"/evaluations/{site.completed}/failures?task=push_button_times"
     text = unescape(page(client, path))
@@ -84,6 +94,9 @@ def test_a_card_says_what_went_wrong(client: TestClient, site: Site) -> None:
     [id, *_] = shown(text)
     [card] = re.findall(rf'data-episode="{id}".*?</dl>', text, re.DOTALL)
     assert "mine@1" in card and "“do push_button_times”" in card and "press 3" in card
+    assert re.search(
+        rf'href="/evaluations/{site.completed}" title="Its evaluation">test · <time ', card
+    )
     assert "3 of 25" in card and "expert" in card
     assert any(meaning in card for meaning in FAILURES.values())
 
@@ -147,6 +160,10 @@ def test_what_is_wrong_is_told_with_what_is_right(
 ) -> None:
     assert right in unescape(page(client, f"/failures?{query}", 422))
     assert right in unescape(page(client, f"/evaluations/{site.completed}/failures?{query}", 422))
+
+
+def test_what_is_wrong_is_told_in_our_words_alone(client: TestClient) -> None:
+    assert "Value error" not in page(client, "/failures?variation=red", 422)
 
 
 def test_an_unknown_evaluation_is_not_found(client: TestClient) -> None:

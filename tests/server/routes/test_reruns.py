@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from httpx import Response
 
 from hide_tasks.suite import episode as spec_of
 from server import reruns
@@ -19,6 +20,11 @@ SHA256 = "a" * 64
 
 def ask(here: TestClient, path: str, **wanted: Any) -> Any:
     """Of the only final episode, whose index is 0."""
+    return asked(here, path, **wanted).json()
+
+
+def asked(here: TestClient, path: str, **wanted: Any) -> Response:
+    """The same as it is answered."""
     hub = hub_of(here)
     done = ledgers.evaluated(
         hub.database, hub.blobs, tasks=["search_drawer"], episodes=1, split="val", **wanted
@@ -28,7 +34,7 @@ def ask(here: TestClient, path: str, **wanted: Any) -> Any:
         id = episode.id
     answer = here.get(f"{API}/episodes/{id}/{path}")
     assert answer.status_code == 200, answer.text
-    return answer.json()
+    return answer
 
 
 def test_the_command_names_the_policy_and_the_episode(here: TestClient) -> None:
@@ -42,6 +48,12 @@ def test_the_command_names_the_policy_and_the_episode(here: TestClient) -> None:
 
 def test_other_rules_are_said(here: TestClient) -> None:
     assert ask(here, "rerun", rules="parity")["command"].endswith("--index 0 --rules parity")
+
+
+def test_the_actions_have_the_name_that_the_command_reads(here: TestClient) -> None:
+    headers = asked(here, "actions.json").headers
+
+    assert headers["Content-Disposition"] == 'attachment; filename="search_drawer-val-000.json"'
 
 
 def test_the_actions_are_a_file_that_can_be_replayed(here: TestClient, tmp_path: Path) -> None:

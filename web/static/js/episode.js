@@ -95,7 +95,20 @@ function arrive(decision) {
   remember(decision);
   pictures.show(decision, beside?.decision ?? decision, last);
   large.show(decision, named);
+  takeAlong(decision);
   keepPlace(decision);
+}
+
+/** Setting a run beside this one, or showing it alone, leads to the same decision. @param {number} decision */
+function takeAlong(decision) {
+  const input = /** @type {HTMLInputElement | null} */ (document.getElementById("compare-at"));
+  if (input) Object.assign(input, { value: `${decision}`, disabled: !decision });
+  const alone = /** @type {HTMLAnchorElement | null} */ (document.querySelector("a#compare"));
+  if (!alone) return;
+  const address = new URL(alone.href);
+  if (decision) address.searchParams.set("at", `${decision}`);
+  else address.searchParams.delete("at");
+  alone.href = address.href;
 }
 
 /** @param {number} decision */
