@@ -5,7 +5,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from workers.sandbox.limits import Limits
-from workers.sandbox.view import SCRATCH, View, code
+from workers.sandbox.view import SCRATCH as SCRATCH
+from workers.sandbox.view import View, code
 
 PROGRAM = "bwrap"
 SYSTEM = (
