@@ -8,6 +8,7 @@ from playwright.sync_api import Browser, sync_playwright
 
 from tests.chromium import CHROMIUM, FLAGS
 from tests.web import sites
+from tests.web.browsing import serving
 
 with warnings.catch_warnings():
     warnings.simplefilter("ignore")  # Starlette would rather have another HTTP library
@@ -35,3 +36,11 @@ def browser() -> Iterator[Browser]:
         started = playwright.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
         yield started
         started.close()
+
+
+@pytest.fixture(scope="module")
+def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[sites.Site, str]]:
+    """A filled site of a module's own, for tests that change it, and its address."""
+    app = sites.empty(tmp_path_factory.mktemp("site"))
+    with serving(app) as address:
+        yield sites.filled(app, tmp_path_factory.mktemp("recordings")), address

@@ -15,8 +15,7 @@ from server.states import EpisodeState
 from tests.chromium import CHROMIUM
 from tests.seek_model.checkpoints import tiny_checkpoint
 from tests.server import ledgers
-from tests.web import sites
-from tests.web.browsing import WIDTHS, opened, serving, until
+from tests.web.browsing import WIDTHS, opened, until
 from tests.web.pages import paths
 from tests.web.sites import Site
 from workers.protocol import INTERNAL
@@ -32,14 +31,6 @@ pytestmark = [
     pytest.mark.slow,
     pytest.mark.skipif(not CHROMIUM, reason="no chromium: apt-get install chromium"),
 ]
-
-
-@pytest.fixture(scope="module")
-def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Site, str]]:
-    """A filled site on a port of its own, and its address."""
-    app = sites.empty(tmp_path_factory.mktemp("site"))
-    with serving(app) as address:
-        yield sites.filled(app, tmp_path_factory.mktemp("recordings")), address
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])

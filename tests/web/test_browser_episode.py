@@ -1,6 +1,5 @@
 """An episode's page in a real browser: everything follows the moment, viewer or not."""
 
-from collections.abc import Iterator
 from typing import Any
 
 import httpx
@@ -9,7 +8,7 @@ from playwright.sync_api import Browser, Page
 
 from tests.chromium import CHROMIUM
 from tests.web import sites
-from tests.web.browsing import WIDTHS, opened, serving, until
+from tests.web.browsing import WIDTHS, opened, until
 from tests.web.sites import Site
 from tests.web.test_browser import STATE, VALUE
 
@@ -25,13 +24,10 @@ pytestmark = [
 
 
 @pytest.fixture(scope="module")
-def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Site, str]]:
-    """A filled site on a port of its own, and its address; two policies played an episode."""
-    app = sites.empty(tmp_path_factory.mktemp("site"))
-    with serving(app) as address:
-        site = sites.filled(app, tmp_path_factory.mktemp("recordings"))
-        sites.recorded_run(site.hub, tmp_path_factory.mktemp("others"), "random")
-        yield site, address
+def served(served: tuple[Site, str], tmp_path_factory: pytest.TempPathFactory) -> tuple[Site, str]:
+    """Where two policies played an episode."""
+    sites.recorded_run(served[0].hub, tmp_path_factory.mktemp("others"), "random")
+    return served
 
 
 def page_of(site: Site, address: str, query: str = "") -> str:

@@ -1,6 +1,5 @@
 """Every page for everybody: what axe finds, what jumps while it loads, what moves on its own."""
 
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -9,8 +8,7 @@ from axe_playwright_python.sync_playwright import Axe
 from playwright.sync_api import Browser, Page
 
 from tests.chromium import CHROMIUM
-from tests.web import sites
-from tests.web.browsing import WIDTHS, opened, serving
+from tests.web.browsing import WIDTHS, opened
 from tests.web.pages import pages, paths
 from tests.web.sites import Site
 
@@ -28,14 +26,6 @@ pytestmark = [
     pytest.mark.slow,
     pytest.mark.skipif(not CHROMIUM, reason="no chromium: apt-get install chromium"),
 ]
-
-
-@pytest.fixture(scope="module")
-def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Site, str]]:
-    """A filled site on a port of its own, and its address."""
-    app = sites.empty(tmp_path_factory.mktemp("site"))
-    with serving(app) as address:
-        yield sites.filled(app, tmp_path_factory.mktemp("recordings")), address
 
 
 def violations(page: Page) -> list[str]:
