@@ -51,7 +51,9 @@ def show_evaluation(
     shown = {
         "evaluation": evaluation,
         "ended": ended,
-        "grid": grids.kept(key, partial(grid, session, id, ended=True)) if ended else grid(session, id),
+        "grid": grids.kept(key, partial(grid, session, id, ended=True))
+        if ended
+        else grid(session, id),
         "live": live(session, hub, row),
         "publication": publication.of(session, row),
         "printed": _printed(hub, principal),
