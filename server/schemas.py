@@ -7,7 +7,16 @@ from datetime import datetime
 from enum import StrEnum
 from typing import Annotated, Any, Generic, Literal, Self, TypeVar
 
-from pydantic import AwareDatetime, BaseModel, ConfigDict, Field, SecretStr, StrictBool
+from pydantic import (
+    AwareDatetime,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    SecretStr,
+    StrictBool,
+)
+from pydantic_core import PydanticCustomError
 
 from hide_tasks.contract import (
     Category,
@@ -172,11 +181,20 @@ class UploadPublic(BaseModel):
 # --- evaluations ---
 
 
+def _some_tasks(value: Any) -> Any:
+    if value == []:
+        raise PydanticCustomError("too_short", "choose at least one task")
+    return value
+
+
+Tasks = Annotated[list[str], Field(min_length=1), BeforeValidator(_some_tasks)]
+
+
 class EvaluationCreate(_Given):
     """An evaluation to be run."""
 
     policy: Annotated[str, Field(min_length=1, max_length=100)]  # name, name@version, or id
-    tasks: Annotated[list[str], Field(min_length=1)] | None = None  # default: all
+    tasks: Tasks | None = None  # default: all
     category: Category | None = None  # only tasks of this kind
     suite: SuiteName | None = None  # instead of tasks, category and episodes
     split: Split = "test"  # of `smoke`: val
@@ -199,7 +217,7 @@ class Matrix(_Given):
 
     policies: Annotated[list[str], Field(min_length=1, max_length=200)]
     suites: Annotated[list[SuiteName], Field(min_length=1, max_length=5)] | None = None
-    tasks: Annotated[list[str], Field(min_length=1)] | None = None
+    tasks: Tasks | None = None
     category: Category | None = None
     split: Split = "test"
     episodes: Annotated[int, Field(ge=1, strict=True)] | None = None

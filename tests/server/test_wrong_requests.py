@@ -180,7 +180,7 @@ def test_what_is_not_a_json_object_is_refused(
         ("/evaluations", {"policy": "exprt"}, "policy", "did you mean expert?"),
         ("/evaluations", {"policy": "expert@2"}, "policy", "did you mean expert?"),
         ("/evaluations", SMALL | {"fast": True}, "fast", "not permitted"),
-        ("/evaluations", SMALL | {"tasks": []}, "tasks", "at least 1"),
+        ("/evaluations", SMALL | {"tasks": []}, "tasks", "choose at least one task"),
         ("/evaluations", SMALL | {"tasks": "search_drawer"}, "tasks", "list"),
         ("/evaluations", SMALL | {"tasks": ["serch_drawer"]}, "tasks", "search_drawer?"),
         ("/evaluations", SMALL | {"category": "HSR"}, "category", "excludes tasks"),

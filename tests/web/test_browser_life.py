@@ -67,6 +67,12 @@ def test_a_policy_server_is_tested_registered_and_started_by_the_keyboard(
         assert refused and "Nothing listens there" in refused.inner_text()
         assert page.is_disabled("#connect [type=submit]")
         assert page.inner_text("#start") == "Register it first"
+        assert "of the policy that you connect" in page.inner_text("[data-cost=episodes]")
+
+        page.route("**/policies/connection", lambda _: None, times=1)
+        page.click("[data-try]")
+        page.wait_for_selector("[data-answer]", state="hidden")
+        page.goto(f"{address}/evaluations/new?source=server")
 
         page.fill("#server-url", url)
         page.fill("#server-name", "far")
@@ -107,6 +113,13 @@ def test_the_cost_follows_what_is_chosen_and_what_waits(
         page.wait_for_selector("#start:has-text('Start 10 episodes')")
         assert "stays out of it" in page.inner_text("[data-cost=ranked]")
         assert "2 shards" in page.inner_text("[data-cost=before]")
+        page.check("[name=category][value=some]")
+        page.wait_for_selector("#start:has-text('Choose at least one task')")
+        assert page.is_disabled("#start")
+        assert "Choose at least one task" in page.inner_text("[data-cost=episodes]")
+        page.check("[name=tasks][value=search_drawer]")
+        page.wait_for_selector("#start:has-text('Start 2 episodes')")
+        assert page.is_enabled("#start")
         with database.reading() as session:
             assert session.query(lifecycle.Evaluation).count() == 1
 

@@ -244,6 +244,10 @@ def test_uploads_that_are_not_done_are_offered_again(client: TestClient, site: S
             offered = text.partition(f'data-upload="{row.id}"')[2].partition("</li>")[0]
             found = re.findall(r'data-unfinished="(\w+)"', offered)
             assert found == [button, "forget"]
+
+        hub.uploads.of(part.id).path.write_bytes(b"x" * 100)
+        all_came = page(client, "/evaluations/new")
+        assert 'value="here" checked' in all_came and all_came.count("data-upload=") == 2
     finally:
         for row in (part, whole):
             client.delete(f"/api/v1/uploads/{row.id}", headers={"Tus-Resumable": "1.0.0"})

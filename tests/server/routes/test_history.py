@@ -226,6 +226,17 @@ def test_the_log_says_in_words_what_happened(here: TestClient, hand: Hand) -> No
     assert page["items"][1]["episode"]
 
 
+def test_a_stop_on_request_is_no_fault(here: TestClient, hand: Hand) -> None:
+    id = create(here, episodes=2)["id"]
+    attempt = hand.lease()
+    here.post(f"{API}/evaluations/{id}/cancellation")
+    hand.end(attempt)
+
+    lines = here.get(f"{API}/evaluations/{id}/log").json()["items"]
+
+    assert [one["level"] for one in lines if "stopped on request" in one["text"]] == [""]
+
+
 def test_the_end_of_what_workers_printed(here: TestClient) -> None:
     path = f"{API}/workers/log"
     assert here.get(path).json() == {"lines": []}

@@ -18,21 +18,40 @@ const list = /** @type {HTMLElement} */ (document.getElementById("cost"));
  */
 export function showCost(found, button) {
   list.setAttribute("aria-busy", String(!found));
-  const missing = /** @type {HTMLInputElement | null} */ (document.querySelector('[name="source"]:checked'))?.dataset.first;
+  const { first: missing, whose } = chosen().dataset;
   button.disabled = Boolean(missing || found?.refused);
   if (missing || !found) {
     button.textContent = missing ?? "Start";
   }
   if (!found) return;
   const what = `${counted(found.tasks.length, "task")}, handed out as ${counted(found.shards, "shard")}`;
-  tell("episodes", String(found.episodes), `of ${found.policy}@${found.version}; ${what}`);
-  tell("time", found.seconds === null ? "never" : about(found.seconds), pace(found));
-  tell("before", before(found), waiting(found));
+  tell("episodes", String(found.episodes), `of ${whose ?? `${found.policy}@${found.version}`}; ${what}`);
+  if (whose && found.seconds !== null) tell("time", "not known yet", `estimated once ${whose} is on this server`);
+  else tell("time", found.seconds === null ? "never" : about(found.seconds), pace(found));
+  tell("before", before(found), waiting(found, Boolean(whose)));
   tell("ranked", found.ranked ? "enters it" : "stays out of it", found.ranked ? "once every episode is final" : "only the whole suite and split, by the rules hide, is ranked");
   const { attempts, scored } = found.quotas;
   /** @type {HTMLElement} */ (list.querySelector("[data-quota]")).hidden = attempts.limit === null && scored.limit === null;
   tell("quota", left(attempts), found.refused ?? `evaluations in 24 hours; scored in 30 days: ${left(scored)}`);
   if (!missing) button.textContent = sentence(found);
+}
+
+/**
+ * Shows that there is nothing to estimate, and why.
+ * @param {string} why
+ * @param {HTMLButtonElement} button
+ */
+export function showNothing(why, button) {
+  list.setAttribute("aria-busy", "false");
+  button.disabled = true;
+  button.textContent = why;
+  tell("episodes", "none", why);
+  for (const name of ["time", "before", "ranked", "quota"]) tell(name, "–", "");
+}
+
+/** Where the policy comes from. */
+function chosen() {
+  return /** @type {HTMLInputElement} */ (document.querySelector('[name="source"]:checked'));
 }
 
 /** @param {string} name @param {string} main @param {string} more */
@@ -56,10 +75,13 @@ function before({ evaluations_before }) {
   return evaluations_before ? counted(evaluations_before, "evaluation") : "nothing";
 }
 
-/** @param {Estimate} found */
-function waiting({ evaluations_before, shards_before, seconds_before }) {
-  if (!evaluations_before) return seconds_before ? `what is played now ends in ${about(seconds_before)}` : "it begins at once";
-  const later = seconds_before === null ? "" : `, ${about(seconds_before)} more`;
+/** @param {Estimate} found @param {boolean} unknown whether its own pace is */
+function waiting({ evaluations_before, shards_before, seconds_before }, unknown) {
+  if (!evaluations_before) {
+    if (!seconds_before) return "it begins at once";
+    return unknown ? "what is played now goes on" : `what is played now ends in ${about(seconds_before)}`;
+  }
+  const later = unknown || seconds_before === null ? "" : `, ${about(seconds_before)} more`;
   return `${counted(shards_before, "shard")}${later}; those of its priority take turns with it`;
 }
 

@@ -1,6 +1,6 @@
 /** The form that starts an evaluation: what it would cost is shown as it is filled in. */
 import { ask, post, Refused } from "./api.js";
-import { showCost } from "./cost.js";
+import { showCost, showNothing } from "./cost.js";
 
 const form = /** @type {HTMLFormElement} */ (document.getElementById("new-evaluation"));
 const steps = /** @type {HTMLElement} */ (document.querySelector(".steps"));
@@ -63,8 +63,13 @@ function wanted() {
 /** Asks what it would cost, and shows that; what is wrong stands beside its field. */
 async function estimate() {
   const number = ++asked;
+  const asks = wanted();
+  if (Array.isArray(asks.tasks) && !asks.tasks.length) {
+    forget();
+    return showNothing("Choose at least one task", button);
+  }
   const query = new URLSearchParams();
-  for (const [name, value] of Object.entries(wanted())) {
+  for (const [name, value] of Object.entries(asks)) {
     for (const one of Array.isArray(value) ? value : [value]) {
       if (one !== null && one !== "") query.append(name, String(one));
     }
