@@ -152,7 +152,7 @@ def test_the_grid_shows_every_episode_without_a_script(client: TestClient, site:
 
 
 def test_an_evaluation_says_why_it_waits_and_what_was_lost(client: TestClient, site: Site) -> None:
-    assert "waits for a worker" in page(client, f"/evaluations/{site.queued}")
+    assert "started without workers" in page(client, f"/evaluations/{site.queued}")
     assert "Attempts that were lost" in page(client, f"/evaluations/{site.incomplete}")
     assert "killed (SIGKILL)" in page(client, f"/evaluations/{site.incomplete}")
 
