@@ -13,7 +13,7 @@ from server.episode_order import Sort, beyond, kinds, ordered, place
 from server.matching import conditions
 from server.models import Decision, Episode, HiddenChange, HiddenSpan
 from server.paging import after, page
-from server.problems import not_found
+from server.problems import Problem, not_found
 from server.schemas import (
     ChangePublic,
     DecisionPublic,
@@ -251,6 +251,19 @@ def _fields(episode: Episode) -> dict[str, Any]:
         "preview": f"{path}/preview.webp" if _is_kept(episode) else None,
         "thumbnail": f"{path}/thumbnail.jpg" if episode.thumbnail else None,
     }
+
+
+def recording_of(episode: Episode) -> str | None:
+    """The SHA-256 of an episode's recording; None if it was played without one.
+
+    Raises:
+        Problem: 410, it was removed to make room.
+    """
+    if episode.removal is not None:
+        when = f"{episode.removal.time:%Y-%m-%d}"
+        detail = f"The recording was removed on {when} to make room ({episode.removal.reason})."
+        raise Problem(410, "recording_removed", detail)
+    return episode.recording
 
 
 def _is_kept(episode: Episode) -> bool:

@@ -3,13 +3,13 @@
 Nothing is stored: reading a recording takes 30 ms, and the last ones read are kept.
 """
 
-from collections import OrderedDict
 from collections.abc import Callable
 from pathlib import Path
-from threading import Lock
-from typing import Generic, TypeVar
+from typing import TypeVar
 
 from server.blobs import Blobs
+from server.episodes import recording_of
+from server.kept import Kept
 from server.models import Episode
 from server.problems import Problem, not_found
 
@@ -21,29 +21,8 @@ KEPT_PREVIEWS = 512  # 12 kB each
 Made = TypeVar("Made")
 
 
-class Latest(Generic[Made]):
-    """What was made last, by the SHA-256 that it was made of."""
-
-    def __init__(self, most: int):
-        self._most, self._lock = most, Lock()
-        self._made: OrderedDict[str, Made] = OrderedDict()
-
-    def get(self, sha256: str, make: Callable[[], Made]) -> Made:
-        """It, made if it is not there."""
-        with self._lock:
-            if sha256 in self._made:
-                self._made.move_to_end(sha256)
-                return self._made[sha256]
-        made = make()
-        with self._lock:
-            self._made[sha256] = made
-            while len(self._made) > self._most:
-                self._made.popitem(last=False)
-        return made
-
-
-_seen: Latest[dict[str, dict[int, bytes]]] = Latest(KEPT_RECORDINGS)
-_previews: Latest[bytes] = Latest(KEPT_PREVIEWS)
+_seen: Kept[str, dict[str, dict[int, bytes]]] = Kept(KEPT_RECORDINGS)
+_previews: Kept[str, bytes] = Kept(KEPT_PREVIEWS)
 
 
 def preview(store: Blobs, episode: Episode) -> bytes:
@@ -63,7 +42,7 @@ def preview(store: Blobs, episode: Episode) -> bytes:
             raise not_found("preview of episode", episode.id)
         return animated(seen[PREVIEW_CAMERA])
 
-    return _previews.get(sha256, lambda: _read(store.path(sha256), made))
+    return _previews.kept(sha256, lambda: _read(store.path(sha256), made))
 
 
 def observation(store: Blobs, episode: Episode, decision: int, camera: str) -> bytes:
@@ -73,7 +52,7 @@ def observation(store: Blobs, episode: Episode, decision: int, camera: str) -> b
         Problem: 404, there is no such picture; it says which there are. 410, it was removed.
     """
     sha256 = _recording(store, episode)
-    seen = _seen.get(sha256, lambda: _read(store.path(sha256), _by_decision))
+    seen = _seen.kept(sha256, lambda: _read(store.path(sha256), _by_decision))
     found = seen.get(camera, {})
     if decision not in found:
         known = f"0 to {max(found)}" if found else "none"
@@ -93,13 +72,10 @@ def _by_decision(path: Path) -> dict[str, dict[int, bytes]]:
 
 
 def _recording(store: Blobs, episode: Episode) -> str:
-    if episode.removal is not None:
-        when = f"{episode.removal.time:%Y-%m-%d}"
-        detail = f"The recording was removed on {when} to make room ({episode.removal.reason})."
-        raise Problem(410, "recording_removed", detail)
-    if episode.recording is None or not store.holds(episode.recording):
+    sha256 = recording_of(episode)
+    if sha256 is None or not store.holds(sha256):
         raise not_found("recording of episode", episode.id)
-    return episode.recording
+    return sha256
 
 
 def _read(path: Path, how: Callable[[Path], Made]) -> Made:

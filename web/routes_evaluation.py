@@ -17,15 +17,18 @@ from server.access import Principal, Router, Scope, needs
 from server.deps import Reading, TheHub, ThePrincipal
 from server.episodes import Cell
 from server.hub import Hub
+from server.kept import Kept
 from server.models import Evaluation, now
 from server.schemas import AttemptPublic, HistoryPublic, RatePublic, Verdicts
 from server.states import ENDED, AttemptState, Desired
-from web.templating import KeptParts, page, part
+from web.templating import page, part
 from web.worker_lanes import ACTIVITIES, LanesDrawing, summary, waits
 
 router = Router(include_in_schema=False)
 
-grids = KeptParts(300)  # of evaluations that have ended: 100 kB each of the whole suite
+grids: Kept[tuple[str, int], Markup] = Kept(
+    300
+)  # of evaluations that have ended: 100 kB each of the whole suite
 
 
 @dataclass(frozen=True)

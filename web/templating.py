@@ -1,11 +1,9 @@
 """Templates, with the words and charts that every page may use."""
 
 import hashlib
-from collections import OrderedDict
-from collections.abc import Callable, Hashable, Mapping
+from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
-from threading import Lock
 from typing import Any
 from urllib.parse import urlencode
 
@@ -47,27 +45,6 @@ def page(
 def part(template: str, shown: Mapping[str, Any]) -> Markup:
     """A rendered part of a page, which is the same for everybody."""
     return Markup(ENVIRONMENT.get_template(template).render(**shown))
-
-
-class KeptParts:
-    """Rendered parts of what does not change any more, the latest used ones."""
-
-    def __init__(self, most: int):
-        self._most, self._lock = most, Lock()
-        self._parts: OrderedDict[Hashable, Markup] = OrderedDict()
-
-    def kept(self, key: Hashable, make: Callable[[], Markup]) -> Markup:
-        """The part of this key, made if it is not there."""
-        with self._lock:
-            if key in self._parts:
-                self._parts.move_to_end(key)
-                return self._parts[key]
-        made = make()
-        with self._lock:
-            self._parts[key] = made
-            if len(self._parts) > self._most:
-                self._parts.popitem(last=False)
-        return made
 
 
 def asset(name: str) -> str:

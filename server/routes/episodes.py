@@ -17,7 +17,7 @@ from server.episode_order import Sort
 from server.files import File
 from server.growing import BrokenOff, Growing
 from server.hub import Hub
-from server.problems import Problem, not_found
+from server.problems import not_found
 from server.revalidation import FOR_EVER, Revalidate, Revalidation
 from server.schemas import (
     ChangePublic,
@@ -207,12 +207,7 @@ async def _coming_in(hub: Hub, episode: str) -> Growing | None:
 
 def _recording(hub: Hub, episode: str) -> str | None:
     with hub.database.reading() as session:
-        row = episodes.row(session, episode)
-        if row.removal is not None:
-            when = f"{row.removal.time:%Y-%m-%d}"
-            detail = f"The recording was removed on {when} to make room ({row.removal.reason})."
-            raise Problem(410, "recording_removed", detail)
-        return row.recording
+        return episodes.recording_of(episodes.row(session, episode))
 
 
 def _expected(hub: Hub, episode: str) -> bool:
