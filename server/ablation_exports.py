@@ -5,21 +5,15 @@ from typing import Any
 
 from server.ablation_rows import GROUPS
 from server.ablation_schemas import AblationBlock, AblationRow, Ablations
-from server.board_exports import LeaderboardFormat
-from server.exports import NOTE, line_of
+from server.exports import NOTE, TableFormat, line_of, written
 from server.latex import NONE, escaped
 
 FIGURES = ("value", "low", "high")
 
 
-def of_ablations(found: Ablations, format: LeaderboardFormat) -> Iterator[bytes]:
+def of_ablations(found: Ablations, format: TableFormat) -> Iterator[bytes]:
     """The ablations as a file."""
-    if format is LeaderboardFormat.JSON:
-        yield found.model_dump_json(indent=1).encode() + b"\n"
-    elif format is LeaderboardFormat.CSV:
-        yield from _csv(found)
-    else:
-        yield _latex(found).encode()
+    return written(found, format, _csv, _latex)
 
 
 def _csv(found: Ablations) -> Iterator[bytes]:

@@ -1,39 +1,26 @@
 """The leaderboard as a file, with the rows, columns and order that were asked for."""
 
 from collections.abc import Iterator
-from enum import StrEnum
+from functools import partial
 from typing import Any
 
 from server import latex, latex_table
-from server.exports import NOTE, line_of
+from server.exports import NOTE, TableFormat, line_of, written
 from server.schemas import BeliefPublic, Leaderboard, LeaderboardRow, NormalisedPublic, RatePublic
 
 BOUNDS = ("", "_low", "_high")
 FACTS = ("memory", "window", "clock", "privileged", "preset")
 
 
-class LeaderboardFormat(StrEnum):
-    """How the leaderboard is given out."""
-
-    JSON = "json"
-    CSV = "csv"
-    LATEX = "latex"
-
-
 def of_leaderboard(
-    board: Leaderboard, format: LeaderboardFormat, *, table: bool = False
+    board: Leaderboard, format: TableFormat, *, table: bool = False
 ) -> Iterator[bytes]:
     """The leaderboard as a file.
 
     Args:
         table: as LaTeX, the whole table and not its rows alone.
     """
-    if format is LeaderboardFormat.JSON:
-        yield board.model_dump_json(indent=1).encode() + b"\n"
-    elif format is LeaderboardFormat.CSV:
-        yield from _csv(board)
-    else:
-        yield _latex(board, table=table).encode()
+    return written(board, format, _csv, partial(_latex, table=table))
 
 
 def _latex(board: Leaderboard, *, table: bool) -> str:

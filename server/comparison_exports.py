@@ -4,20 +4,14 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 from server import latex
-from server.board_exports import LeaderboardFormat
 from server.comparison_schemas import PairComparison, SeveralComparison
-from server.exports import NOTE, line_of
+from server.exports import NOTE, TableFormat, line_of, written
 from server.schemas import RatePublic, Verdicts
 
 
-def of_comparison(found: SeveralComparison, format: LeaderboardFormat) -> Iterator[bytes]:
+def of_comparison(found: SeveralComparison, format: TableFormat) -> Iterator[bytes]:
     """A comparison as a file."""
-    if format is LeaderboardFormat.JSON:
-        yield found.model_dump_json(indent=1).encode() + b"\n"
-    elif format is LeaderboardFormat.CSV:
-        yield from _csv(found)
-    else:
-        yield _latex(found).encode()
+    return written(found, format, _csv, _latex)
 
 
 def names(found: SeveralComparison) -> list[str]:

@@ -9,7 +9,9 @@ import json
 import zipfile
 from collections.abc import Callable, Iterable, Iterator
 from enum import StrEnum
-from typing import Any
+from typing import Any, TypeVar
+
+from pydantic import BaseModel
 
 from hide_tasks import ALL_TASKS
 from server import episodes, evaluations, latex
@@ -57,6 +59,14 @@ class EvaluationFormat(StrEnum):
     JSONL = "jsonl"  # a document per final episode, with all decisions
     LATEX = "latex"  # the row of the paper's table
     ZIP = "zip"  # all of these
+
+
+class TableFormat(StrEnum):
+    """How a table is given out: a leaderboard, a comparison, ablations."""
+
+    JSON = "json"
+    CSV = "csv"
+    LATEX = "latex"
 
 
 class EpisodesFormat(StrEnum):
@@ -177,6 +187,26 @@ def _episodes_csv(pages: Iterable[list[EpisodePublic]]) -> Iterator[bytes]:
         for one in page:
             document = one.model_dump(mode="json")
             yield line_of(document[name] for name in EPISODE_COLUMNS)
+
+
+# --- tables ---
+
+Document = TypeVar("Document", bound=BaseModel)
+
+
+def written(
+    found: Document,
+    format: TableFormat,
+    as_csv: Callable[[Document], Iterator[bytes]],
+    as_latex: Callable[[Document], str],
+) -> Iterator[bytes]:
+    """A document of the API as it is, or as it is written in a format."""
+    if format is TableFormat.JSON:
+        yield found.model_dump_json(indent=1).encode() + b"\n"
+    elif format is TableFormat.CSV:
+        yield from as_csv(found)
+    else:
+        yield as_latex(found).encode()
 
 
 # --- files ---

@@ -26,9 +26,7 @@ from web.worker_lanes import ACTIVITIES, LanesDrawing, summary, waits
 
 router = Router(include_in_schema=False)
 
-grids: Kept[tuple[str, int], Markup] = Kept(
-    300
-)  # of evaluations that have ended: 100 kB each of the whole suite
+grids: Kept[tuple[str, int], Markup] = Kept(300)  # of what has ended: 100 kB each
 
 
 @dataclass(frozen=True)

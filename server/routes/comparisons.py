@@ -12,9 +12,9 @@ from server.ablation_rows import Size
 from server.ablation_schemas import Ablations
 from server.ablations import Asked
 from server.access import Router, Scope, needs
-from server.board_exports import LeaderboardFormat
 from server.comparison_schemas import SeveralComparison
 from server.deps import Reading
+from server.exports import TableFormat
 from server.revalidation import Revalidate
 from server.routes.exports import file_of, of_formats
 from server.schemas import Verdict
@@ -55,13 +55,13 @@ def compare_several(
 
 
 @router.get(
-    SEVERAL + "/export", response_class=StreamingResponse, responses=of_formats(LeaderboardFormat)
+    SEVERAL + "/export", response_class=StreamingResponse, responses=of_formats(TableFormat)
 )
 @needs(Scope.READ)
 def export_comparison(
     session: Reading,
     policy: Policies,
-    format: LeaderboardFormat = LeaderboardFormat.CSV,
+    format: TableFormat = TableFormat.CSV,
     split: OnSplit = "test",
     verdict: Verdict = "success",
 ) -> StreamingResponse:
@@ -102,13 +102,13 @@ def get_ablations(session: Reading, revalidate: Revalidate, asked: WhichAblation
 
 
 @router.get(
-    ABLATIONS + "/export", response_class=StreamingResponse, responses=of_formats(LeaderboardFormat)
+    ABLATIONS + "/export", response_class=StreamingResponse, responses=of_formats(TableFormat)
 )
 @needs(Scope.READ)
 def export_ablations(
     session: Reading,
     asked: WhichAblations,
-    format: LeaderboardFormat = LeaderboardFormat.CSV,
+    format: TableFormat = TableFormat.CSV,
 ) -> StreamingResponse:
     """The ablations as a file: JSON, CSV with a line per row, LaTeX rows of the paper's table."""
     found = ablations.ablations(session, asked)

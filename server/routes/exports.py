@@ -10,9 +10,8 @@ from pydantic import Field
 
 from server import board_exports, evaluations, standings
 from server.access import Router, Scope, needs
-from server.board_exports import LeaderboardFormat
 from server.deps import EvaluationId, Reading, TheHub
-from server.exports import MEDIA_TYPES, SUFFIXES, EvaluationFormat, Exported
+from server.exports import MEDIA_TYPES, SUFFIXES, EvaluationFormat, Exported, TableFormat
 from server.schemas import Verdict
 from server.standings import BoardQuery
 
@@ -22,7 +21,7 @@ router = Router(tags=["exports"])
 class BoardExport(BoardQuery):
     """What of a leaderboard is given out, and how."""
 
-    format: LeaderboardFormat = LeaderboardFormat.CSV
+    format: TableFormat = TableFormat.CSV
     table: bool = Field(False, description="Of LaTeX: the whole table, not only its rows.")
 
 
@@ -63,7 +62,7 @@ def export_evaluation(
 
 
 @router.get(
-    "/leaderboard/export", response_class=StreamingResponse, responses=of_formats(LeaderboardFormat)
+    "/leaderboard/export", response_class=StreamingResponse, responses=of_formats(TableFormat)
 )
 @needs(Scope.READ)
 def export_leaderboard(

@@ -13,8 +13,7 @@ import pytest
 from hide_tasks import ALL_TASKS, load
 from hide_tasks.contract import Category, EpisodeSpec, Failure
 from server import board_exports, latex, leaderboard
-from server.board_exports import LeaderboardFormat
-from server.exports import line_of
+from server.exports import TableFormat, line_of
 from server.models import now
 from server.schemas import Leaderboard, LeaderboardRow, RatePublic, Verdicts
 from server.standings import BoardQuery, shown
@@ -168,12 +167,12 @@ def board() -> Leaderboard:
     )
 
 
-def whole(board: Leaderboard, format: LeaderboardFormat) -> str:
+def whole(board: Leaderboard, format: TableFormat) -> str:
     return b"".join(board_exports.of_leaderboard(board, format)).decode()
 
 
 def test_latex_marks_the_best_of_the_leaderboard(board: Leaderboard) -> None:
-    rows = {row[0]: row[1:] for row in cells_of(whole(board, LeaderboardFormat.LATEX))}
+    rows = {row[0]: row[1:] for row in cells_of(whole(board, TableFormat.LATEX))}
 
     assert list(rows) == ["better@1", r"good\_one@1", "bad@1", "expert@1"]
     assert rows["better@1"][:2] == [r"\textbf{96.0}", r"\textbf{96}"]
@@ -184,7 +183,7 @@ def test_latex_marks_the_best_of_the_leaderboard(board: Leaderboard) -> None:
 
 
 def test_the_whole_table_is_laid_out_as_in_the_paper(board: Leaderboard) -> None:
-    [text] = board_exports.of_leaderboard(board, LeaderboardFormat.LATEX, table=True)
+    [text] = board_exports.of_leaderboard(board, TableFormat.LATEX, table=True)
     table = text.decode()
 
     balance(table)
@@ -195,14 +194,14 @@ def test_the_whole_table_is_laid_out_as_in_the_paper(board: Leaderboard) -> None
         r"\cmidrule(lr){15-20}",
     ]
     rows = [line for line in table.splitlines() if "@1 &" in line]
-    assert rows == whole(board, LeaderboardFormat.LATEX).splitlines()[1:]
+    assert rows == whole(board, TableFormat.LATEX).splitlines()[1:]
     assert all(line.count(" & ") == 19 for line in rows)
     assert "not comparable with figures of another simulator" in table
 
 
 def test_a_category_alone_has_its_columns_and_the_average_of_all(board: Leaderboard) -> None:
     only = shown(board, BoardQuery(category=Category.HISTORICAL_STATE_RECALL))
-    [text] = board_exports.of_leaderboard(only, LeaderboardFormat.LATEX, table=True)
+    [text] = board_exports.of_leaderboard(only, TableFormat.LATEX, table=True)
     table = text.decode()
 
     balance(table)
@@ -235,15 +234,15 @@ def balance(table: str) -> None:
 
 def test_files_have_the_rows_and_the_order_that_are_asked_for(board: Leaderboard) -> None:
     only = shown(board, BoardQuery(search="o", sort="policy", order="desc"))
-    found = list(csv.DictReader(io.StringIO(whole(only, LeaderboardFormat.CSV))))
-    latex_rows = [row[0] for row in cells_of(whole(only, LeaderboardFormat.LATEX))]
+    found = list(csv.DictReader(io.StringIO(whole(only, TableFormat.CSV))))
+    latex_rows = [row[0] for row in cells_of(whole(only, TableFormat.LATEX))]
 
     assert [(row["rank"], row["policy"]) for row in found] == [("2", "good_one")]
     assert latex_rows == [r"good\_one@1"]
 
 
 def test_csv_holds_a_line_per_policy(board: Leaderboard) -> None:
-    found = list(csv.DictReader(io.StringIO(whole(board, LeaderboardFormat.CSV))))
+    found = list(csv.DictReader(io.StringIO(whole(board, TableFormat.CSV))))
 
     assert [(row["rank"], row["policy"], row["success"]) for row in found] == [
         ("1", "better", "0.96"),
@@ -254,11 +253,11 @@ def test_csv_holds_a_line_per_policy(board: Leaderboard) -> None:
     assert found[0]["success_search_drawer"] == "0.96" and found[0]["exact_episodes"] == "375"
 
 
-@pytest.mark.parametrize("format", list(LeaderboardFormat))
-def test_the_leaderboard_is_given_out(here: TestClient, format: LeaderboardFormat) -> None:
+@pytest.mark.parametrize("format", list(TableFormat))
+def test_the_leaderboard_is_given_out(here: TestClient, format: TableFormat) -> None:
     text = exported(here, "/leaderboard", format=format.value).decode()
 
-    if format is LeaderboardFormat.JSON:
+    if format is TableFormat.JSON:
         assert json.loads(text) == here.get(f"{API}/leaderboard").json()
     else:
         assert len(text.splitlines()) == 1  # nobody is on it
