@@ -17,7 +17,7 @@ from sqlalchemy.orm import Session
 from hide_tasks import load, suite
 from hide_tasks.contract import Split
 from seek_model.presets import CLOCK
-from server import comparisons, facts, outcomes, statistics
+from server import comparisons, facts, outcomes, statistics, suites
 from server.ablation_rows import BLOCKS, GROUPS, Block, Row, Size, cell_of, preset_of, size_of
 from server.ablation_schemas import (
     AblationBlock,
@@ -100,7 +100,7 @@ def _known(session: Session, split: Split) -> list[tuple[Evaluation, PolicyFacts
     )
     latest: dict[str, Evaluation] = {}
     for one in session.scalars(wanted.order_by(Evaluation.id)):
-        if comparisons.is_whole(one):
+        if suites.is_whole(one):
             latest[one.policy_version_id] = one
     told = [(one, facts.of_version(one.policy_version)) for one in latest.values()]
     return [(one, said) for one, said in told if cell_of(said)]

@@ -12,9 +12,9 @@ from typing import Any
 from sqlalchemy import Select, select
 from sqlalchemy.orm import Session, aliased
 
-from hide_tasks import ALL_TASKS, load, suite
+from hide_tasks import load
 from hide_tasks.contract import Category, Split
-from server import policies, statistics
+from server import policies, statistics, suites
 from server.models import Episode, Evaluation, PolicyVersion
 from server.problems import Problem, invalid
 from server.schemas import (
@@ -115,20 +115,13 @@ def _version(session: Session, field: str, text: str) -> PolicyVersion:
 def standing(one: Evaluation) -> tuple[bool, int, str]:
     """Which of a policy's evaluations stands for it: a whole one, then that of the most episodes,
     then the newest."""
-    return is_whole(one), len(one.tasks) * one.episodes, one.id
+    return suites.is_whole(one), len(one.tasks) * one.episodes, one.id
 
 
 def others(session: Session, one: Evaluation) -> int:
     """How many more completed evaluations its policy has on its split."""
     found = session.scalars(_completed(one.policy_version_id, one.split)).all()
     return sum(other.id != one.id for other in found)
-
-
-def is_whole(one: Evaluation) -> bool:
-    """True if it is of every episode of its split, in the version of the suite that is here."""
-    of_ours = (one.suite, one.suite_version) == (suite.SUITE, suite.VERSION)
-    whole = (one.split, one.episodes) in suite.SPLITS.items()
-    return of_ours and whole and set(one.tasks) == set(ALL_TASKS)
 
 
 def _of_version(version: str) -> Select[Evaluation]:

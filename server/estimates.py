@@ -11,7 +11,7 @@ from typing import Any, Literal, NamedTuple
 from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
-from hide_tasks import ALL_TASKS, load, suite
+from hide_tasks import load
 from hide_tasks.contract import EpisodeSpec
 from server import evaluations, quotas, suites, waiting
 from server.access import Principal
@@ -52,6 +52,7 @@ def of(
     evaluations.require_priority(principal, wanted.priority)
     version, specs = evaluations.planned(session, suites.resolved(wanted))
     counted = Counter(spec.task for spec in specs)
+    covers = suites.covering(specs[0].split, counted, len(specs) // len(counted))
     seconds, basis = _own_seconds(session, version, counted)
     slots = _slots(hub, version)
     ahead = [one for one in _loads(session) if one.priority >= wanted.priority]
@@ -63,8 +64,8 @@ def of(
         tasks=list(counted),
         episodes=len(specs),
         shards=sum(-(-number // SHARD_SIZE) for number in counted.values()),
-        covers=suites.covering(specs[0].split, counted, len(specs) // len(counted)),
-        ranked=_is_ranked(wanted, specs, counted),
+        covers=covers,
+        ranked=covers == "full" and wanted.rules == "hide",
         workers=slots,
         per_minute=60 * len(specs) * slots / seconds if slots else None,
         seconds=seconds / slots if slots else None,
@@ -87,13 +88,6 @@ def _slots(hub: Hub, version: PolicyVersion) -> int:
 def _delay(one: Load, priority: int, own: float) -> float:
     """By how much another makes it later: those of its priority take turns with it."""
     return one.seconds if one.priority > priority else min(one.seconds, own)
-
-
-def _is_ranked(
-    wanted: EvaluationCreate, specs: Sequence[EpisodeSpec], counted: Mapping[str, int]
-) -> bool:
-    whole = len(specs) == len(ALL_TASKS) * suite.SPLITS[specs[0].split]
-    return whole and set(counted) == set(ALL_TASKS) and wanted.rules == "hide"
 
 
 # --- the pace ---

@@ -25,7 +25,9 @@ MOST_RUNS = 200  # evaluations that are looked through for another run of an epi
 Runs = Sequence[DecisionPublic]
 
 
-def between(a: Runs, b: Runs, other: str | None = None) -> PartingPublic:
+def between(
+    a: Runs, b: Runs, other: str | None = None, *, called: str = "the other"
+) -> PartingPublic:
     """Where two runs of the same episode part.
 
     Keyframes are compared one by one: where they lead, the fingers, and what became of them. A
@@ -33,9 +35,11 @@ def between(a: Runs, b: Runs, other: str | None = None) -> PartingPublic:
 
     Args:
         other: id of the episode that `b` is.
+        called: what the sentence calls whoever played `b`.
     """
     dense = any(one.action.kind in ("joint_position", "ee_delta") for one in (*a, *b))
-    found = _first_state(a, b) if dense else _first_decision(a, b)
+    words = _Words(called)
+    found = words.first_state(a, b) if dense else words.first_decision(a, b)
     if found is None:
         return PartingPublic(decision=None, why="Both did the same.", other=other)
     number, counterpart, why = found
@@ -73,7 +77,7 @@ def from_expert(session: Session, ids: Sequence[str]) -> dict[str, PartingPublic
     pairs = _experts(session, ids)
     played = episodes.decisions_of(session, {*pairs, *pairs.values()})
     return {
-        id: between(played.get(id, []), played.get(expert, []), expert)
+        id: between(played.get(id, []), played.get(expert, []), expert, called="the expert")
         for id, expert in pairs.items()
     }
 
@@ -154,43 +158,71 @@ def _experts(session: Session, ids: Sequence[str]) -> dict[str, str]:
     return {row[0]: row[1] for row in rows}
 
 
-# --- one decision after the other ---
+# --- what differs first ---
 
 
-def _first_decision(a: Runs, b: Runs) -> tuple[int, int, str] | None:
-    for number, (one, other) in enumerate(zip_longest(a, b)):
-        if one is None or other is None:
-            who = "It ended" if one is None else "The other ended"
-            return number, number, f"{who} after {number} decisions; here it parts."
-        if found := list(_differences(one, other)):
-            after = next(_states(one, other), found[0])
-            return number, number, " ".join(dict.fromkeys((found[0], after)))
-    return None
+class _Words:
+    """Says what differs between this run and another's."""
 
+    def __init__(self, called: str):
+        self.other = called
 
-def _differences(one: DecisionRecord, other: DecisionRecord) -> Iterator[str]:
-    first, second = one.action, other.action
-    if isinstance(first, Keyframe) and isinstance(second, Keyframe):
-        yield from _poses(first, second)
-    elif first.kind != second.kind:
-        yield f"It chose {_named(first.kind)}, the other {_named(second.kind)}."
-    if first.stop != second.stop:
-        yield "It stopped, the other went on." if first.stop else "The other stopped here."
-    if one.outcome != other.outcome:
-        yield f"Its motion: {_named(one.outcome)}; the other's: {_named(other.outcome)}."
-    yield from _states(one, other)
+    def first_decision(self, a: Runs, b: Runs) -> tuple[int, int, str] | None:
+        """The first decision that differs, and in what."""
+        for number, (one, other) in enumerate(zip_longest(a, b)):
+            if one is None or other is None:
+                who = "It" if one is None else self.other.capitalize()
+                return number, number, f"{who} ended after {number} decisions; here they part."
+            if found := list(self._differences(one, other)):
+                after = next(self._states(one, other), found[0])
+                return number, number, " ".join(dict.fromkeys((found[0], after)))
+        return None
 
+    def first_state(self, a: Runs, b: Runs) -> tuple[int, int, str] | None:
+        """The first change of the stage or the hidden state that differs."""
+        for one, other in zip_longest(_changes(a), _changes(b)):
+            if one is None or other is None:
+                late = one or other
+                assert late is not None, "zip_longest ends when both do"
+                who = self.other if one is None else "it"
+                return late.decision, late.decision, f"Only {who} came to “{late.stage}”."
+            if why := next(self._states(one, other), None):
+                return one.decision, other.decision, why
+        return None
 
-def _poses(one: Keyframe, other: Keyframe) -> Iterator[str]:
-    away = math.dist(one.position, other.position)
-    if away > FAR:
-        yield f"It went {100 * away:.0f} cm away from where the other went."
-    angle = _angle(one, other)
-    if angle > TURNED:
-        yield f"It turned the gripper {math.degrees(angle):.0f}° away from the other's."
-    fingers = ["open" if each.opening >= 0.5 else "closed" for each in (one, other)]
-    if fingers[0] != fingers[1]:
-        yield f"Its fingers were {fingers[0]}, the other's {fingers[1]}."
+    def _differences(self, one: DecisionRecord, other: DecisionRecord) -> Iterator[str]:
+        first, second = one.action, other.action
+        if isinstance(first, Keyframe) and isinstance(second, Keyframe):
+            yield from self._poses(first, second)
+        elif first.kind != second.kind:
+            yield f"It chose {_named(first.kind)}, {self.other} {_named(second.kind)}."
+        if first.stop != second.stop:
+            stopped, went_on = ("It", self.other) if first.stop else (self.other, "it")
+            yield f"{stopped.capitalize()} stopped, {went_on} went on."
+        if one.outcome != other.outcome:
+            yield f"Its motion: {_named(one.outcome)}; {self.other}’s: {_named(other.outcome)}."
+        yield from self._states(one, other)
+
+    def _poses(self, one: Keyframe, other: Keyframe) -> Iterator[str]:
+        away = math.dist(one.position, other.position)
+        if away > FAR:
+            yield f"It went {100 * away:.0f} cm away from where {self.other} went."
+        angle = _angle(one, other)
+        if angle > TURNED:
+            yield f"It turned the gripper {math.degrees(angle):.0f}° away from {self.other}’s."
+        fingers = ["open" if each.opening >= 0.5 else "closed" for each in (one, other)]
+        if fingers[0] != fingers[1]:
+            yield f"Its fingers were {fingers[0]}, {self.other}’s {fingers[1]}."
+
+    def _states(self, one: DecisionRecord, other: DecisionRecord) -> Iterator[str]:
+        for name in one.hidden:
+            here, there = one.hidden[name], other.hidden.get(name)
+            if here != there:
+                said = f"{_named(name)} was {_said(here)}, with {self.other} {_said(there)}"
+                yield f"After it {said}."
+        if one.stage != other.stage:
+            told = f"“{one.stage}”, with {self.other} for “{other.stage}”"
+            yield f"After it the task called for {told}."
 
 
 def _angle(one: Keyframe, other: Keyframe) -> float:
@@ -200,30 +232,6 @@ def _angle(one: Keyframe, other: Keyframe) -> float:
     as_is = abs(np.dot((x, y, z, w), (a, b, c, d)))
     flipped = abs(np.dot(about_z, (a, b, c, d)))
     return float(2 * math.acos(min(1.0, max(as_is, flipped))))
-
-
-def _states(one: DecisionRecord, other: DecisionRecord) -> Iterator[str]:
-    for name in one.hidden:
-        here, there = one.hidden[name], other.hidden.get(name)
-        if here != there:
-            yield f"After it {_named(name)} was {_said(here)}, with the other {_said(there)}."
-    if one.stage != other.stage:
-        yield f"After it the task called for “{one.stage}”, with the other for “{other.stage}”."
-
-
-# --- what became of the world ---
-
-
-def _first_state(a: Runs, b: Runs) -> tuple[int, int, str] | None:
-    for one, other in zip_longest(_changes(a), _changes(b)):
-        if one is None or other is None:
-            late = one or other
-            assert late is not None, "zip_longest ends when both do"
-            who = "the other" if one is None else "it"
-            return late.decision, late.decision, f"Only {who} came to “{late.stage}”."
-        if why := next(_states(one, other), None):
-            return one.decision, other.decision, why
-    return None
 
 
 def _changes(run: Iterable[DecisionPublic]) -> Iterator[DecisionPublic]:

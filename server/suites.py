@@ -40,7 +40,6 @@ def resolved(wanted: EvaluationCreate) -> EvaluationCreate:
 
 
 @cache
-@cache
 def _by_category() -> dict[str, list[str]]:
     found: dict[str, list[str]] = {str(category): [] for category in Category}
     for task in ALL_TASKS:
@@ -73,3 +72,9 @@ def covering(split: str, tasks: Iterable[str], episodes: int) -> Covers:
         return next((name for name, tasks in named if played == set(tasks)), "part")
     whole = episodes == 1 and played == set(smoke_tasks())
     return "smoke" if whole else "part"
+
+
+def is_whole(evaluation: Evaluation) -> bool:
+    """True if it is of every episode of its split, in the version of the suite that is here."""
+    of_ours = (evaluation.suite, evaluation.suite_version) == (suite.SUITE, suite.VERSION)
+    return of_ours and covers(evaluation) == "full"

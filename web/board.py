@@ -7,7 +7,6 @@ they stand in another order and are the same.
 from collections.abc import Hashable, Iterable, Mapping, Sequence
 from threading import Lock
 from typing import Annotated, Any, Literal
-from urllib.parse import urlencode
 
 from markupsafe import Markup
 from pydantic import Field
@@ -18,7 +17,7 @@ from server.published import published
 from server.schemas import Leaderboard, LeaderboardRow
 from server.standings import BoardQuery, Text
 from web import board_charts
-from web.templating import part
+from web.templating import part, query
 
 MOST_CHARTED = 8
 USUALLY_CHARTED = 6  # the first ones that are shown; the expert beside them
@@ -169,8 +168,7 @@ def _found(there: Mapping[str, LeaderboardRow], name: str) -> LeaderboardRow:
 def fields(wanted: BoardQuery, only: set[str] | None = None, **more: object) -> str:
     """A query string of all that is not as usual."""
     dumped = wanted.model_dump(mode="json", include=only, exclude_defaults=True)
-    pairs = _pairs({**dumped, **more})
-    return f"?{urlencode(pairs)}" if pairs else ""
+    return query(**{**dumped, **more})
 
 
 def _pairs(dumped: Mapping[str, Any]) -> list[tuple[str, str]]:

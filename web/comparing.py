@@ -3,7 +3,6 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any
-from urllib.parse import urlencode
 
 from fastapi import Query
 
@@ -12,6 +11,7 @@ from server.comparison_schemas import SeveralComparison, SeveralEpisode
 from server.schemas import Verdict
 from web.episode_grid import LETTERS
 from web.filters import EMPTY_IS_NONE
+from web.templating import query
 
 MOST_TYPED = 20  # fields of the form; more than can be compared, so that it can say so
 WHICH = "^(all|differ|every|none|only_[a-f]|lacks_[a-f])$"
@@ -37,13 +37,8 @@ class Asked:
     def address(self, **changed: Any) -> str:
         """Where the page stands, with something else instead; defaults are left out."""
         fields = {**vars(self), **changed}
-        pairs = [("policy", one) for one in fields["policies"]]
-        pairs += [
-            (name, str(getattr(fields[name], "value", fields[name])))
-            for name in ("split", "verdict", "category", "which", "task")
-            if fields[name] not in (None, "") and fields[name] != DEFAULTS[name]
-        ]
-        return f"/comparisons?{urlencode(pairs)}" if pairs else "/comparisons"
+        given = {name: fields[name] for name, usual in DEFAULTS.items() if fields[name] != usual}
+        return f"/comparisons{query(policy=fields['policies'], **given)}"
 
     def without(self, place: int) -> str:
         """The same comparison with one policy less."""
@@ -56,9 +51,8 @@ class Asked:
 
     def export(self, format: str) -> str:
         """The comparison as a file."""
-        pairs = [("policy", one) for one in self.policies]
-        pairs += [("split", self.split), ("verdict", self.verdict), ("format", format)]
-        return f"/api/v1/comparisons/several/export?{urlencode(pairs)}"
+        of = {"split": self.split, "verdict": self.verdict, "format": format}
+        return f"/api/v1/comparisons/several/export{query(policy=self.policies, **of)}"
 
     @property
     def shows(self) -> Callable[[SeveralEpisode], bool]:

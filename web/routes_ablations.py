@@ -1,7 +1,6 @@
 """The ablations: the paper's table and figure, from this server's evaluations."""
 
 from typing import Annotated, Any
-from urllib.parse import urlencode
 
 from fastapi import Depends, Query, Request
 from fastapi.responses import HTMLResponse
@@ -17,7 +16,7 @@ from server.deps import Reading
 from server.schemas import Verdict
 from web.grouped_bars import Bar, grouped
 from web.length_curve import Point, curve
-from web.templating import page
+from web.templating import page, query
 
 router = Router(include_in_schema=False)
 
@@ -72,14 +71,13 @@ def _address(asked: Asked, path: str, **changed: Any) -> str:
     fields = asked._asdict() | changed
     default = Asked()._asdict()
     given = {name: value for name, value in fields.items() if value != default.get(name)}
-    given = {name: str(value).lower() for name, value in given.items()}
-    return f"{path}?{urlencode(given)}" if given else path
+    return path + query(**{name: str(value).lower() for name, value in given.items()})
 
 
 def _together(block: AblationBlock) -> str:
     """Where the versions of a block are compared, one of each line, six at most."""
-    newest = [("policy", row.versions[-1].evaluation) for row in block.rows if row.versions]
-    return f"/comparisons?{urlencode(newest[:6])}" if len(newest) > 1 else ""
+    newest = [row.versions[-1].evaluation for row in block.rows if row.versions]
+    return f"/comparisons{query(policy=newest[:6])}" if len(newest) > 1 else ""
 
 
 def _curves(block: AblationBlock) -> list[tuple[str, Markup]]:

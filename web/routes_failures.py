@@ -29,7 +29,6 @@ class Card(NamedTuple):
     episode: EpisodePublic
     asked: datetime  # when its evaluation was
     parting: PartingPublic | None  # from the expert, if it played the same
-    why: str  # they part
     labels: list[LabelPublic]  # that stand
 
 
@@ -88,10 +87,7 @@ def _card(
     parts: PartingPublic | None,
     said: Sequence[LabelPublic],
 ) -> Card:
-    why = parts.why if parts else ""
-    for word in ("the other", "The other"):
-        why = why.replace(word, word.replace("other", "expert"))
-    return Card(episode, asked, parts, why, [one for one in said if not one.withdrawn])
+    return Card(episode, asked, parts, [one for one in said if not one.withdrawn])
 
 
 def _why_empty(session: Session, filters: Filters) -> dict[str, Any]:

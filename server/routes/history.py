@@ -55,26 +55,22 @@ def rerun_evaluation(
 ) -> EvaluationPublic:
     """Queues another evaluation that asks for the same; the first one stays as it is."""
     with hub.database.writing() as session:
-        wanted = the_same(evaluations.row(session, evaluation), at_most=0)
+        wanted = the_same(evaluations.row(session, evaluation))
         created = evaluations.public(session, queued(session, hub, principal, wanted))
     hub.bell.reconciler.set()
     response.headers["Location"] = f"/api/v1/evaluations/{created.id}"
     return created
 
 
-def the_same(one: Evaluation, *, at_most: int = 100) -> EvaluationCreate:
-    """What asks for the same again.
-
-    Args:
-        at_most: the priority; whoever asks now need not be who asked then.
-    """
+def the_same(one: Evaluation) -> EvaluationCreate:
+    """What asks for the same again; not before others, for that may be another's to ask."""
     return EvaluationCreate(
         policy=one.policy_version_id,
         tasks=list(one.tasks),
         split=TypeAdapter(Split).validate_python(one.split),
         episodes=one.episodes,
         rules="parity" if one.rules == "parity" else "hide",
-        priority=min(one.priority, at_most),
+        priority=min(one.priority, 0),
         recordings=one.recordings,
     )
 
