@@ -4,9 +4,9 @@ from collections.abc import Iterator
 from typing import Any
 
 from server.ablation_rows import GROUPS
-from server.ablation_schemas import AblationBlock, AblationRow, Ablations
 from server.exports import NOTE, TableFormat, line_of, written
 from server.latex import NONE, escaped
+from server.schemas.ablations import AblationBlock, AblationRow, Ablations
 
 FIGURES = ("value", "low", "high")
 

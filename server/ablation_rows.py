@@ -9,7 +9,7 @@ from typing import Literal, NamedTuple
 from seek_model.presets import CLOCK, NAMES, preset
 from server import facts
 from server.published import published
-from server.schemas import PolicyFacts
+from server.schemas.policies import PolicyFacts
 
 Size = Literal["small", "paper"]
 Published = dict[str, float]  # by category, and overall: percent

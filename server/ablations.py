@@ -19,7 +19,8 @@ from hide_tasks.contract import Split
 from seek_model.presets import CLOCK
 from server import comparisons, facts, outcomes, statistics, suites
 from server.ablation_rows import BLOCKS, GROUPS, Block, Row, Size, cell_of, preset_of, size_of
-from server.ablation_schemas import (
+from server.models import Evaluation
+from server.schemas.ablations import (
     AblationBlock,
     AblationRow,
     Ablations,
@@ -27,8 +28,8 @@ from server.ablation_schemas import (
     AblationVersion,
     MeanRate,
 )
-from server.models import Evaluation
-from server.schemas import PolicyFacts, RatePublic, Verdict
+from server.schemas.common import RatePublic, Verdict
+from server.schemas.policies import PolicyFacts
 from server.states import EvaluationState
 
 Bools = NDArray[np.bool_]

@@ -37,7 +37,7 @@ from server.routes import (
     waiting,
     webhooks,
 )
-from server.schemas import ProblemDocument
+from server.schemas.operation import ProblemDocument
 from server.settings import Settings
 from workers.protocol import INTERNAL
 

@@ -6,7 +6,8 @@ from sqlalchemy.orm import Session
 from server.access import Principal
 from server.models import AuditEntry
 from server.paging import after, page
-from server.schemas import AuditEntryPublic, Page
+from server.schemas.common import Page
+from server.schemas.people import AuditEntryPublic
 
 LONGEST = 300  # characters of a subject
 

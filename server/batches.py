@@ -17,8 +17,9 @@ from server import evaluations
 from server.models import Batch, Evaluation, new_id
 from server.paging import after, page
 from server.problems import Problem, invalid, not_found
-from server.schemas import Batch as BatchDetail
-from server.schemas import BatchCreate, BatchItem, BatchPublic, Matrix, Page
+from server.schemas.common import Page
+from server.schemas.evaluations import Batch as BatchDetail
+from server.schemas.evaluations import BatchCreate, BatchItem, BatchPublic, Matrix
 
 MOST = 200  # evaluations of one batch
 Item = dict[str, Any]

@@ -17,7 +17,7 @@ from hide_tasks.contract import Variation
 from hide_tasks.statistics import wilson
 from server.beliefs import Moment, judged
 from server.models import Decision, Episode, HiddenSpan
-from server.schemas import BeliefPublic
+from server.schemas.leaderboard import BeliefPublic
 
 MOST = 20_000  # evaluations that are kept
 

@@ -8,7 +8,7 @@ from sqlalchemy.orm import Session
 from hide_tasks.contract import HiddenState, Value
 from hide_tasks.stages import stages_done
 from server import episodes
-from server.schemas import BeliefCheck, BeliefsPublic, DecisionPublic, EpisodeDetail
+from server.schemas.episodes import BeliefCheck, BeliefsPublic, DecisionPublic, EpisodeDetail
 
 
 def of(session: Session, id: str) -> BeliefsPublic:

@@ -6,7 +6,8 @@ from typing import Any
 
 from server import latex, latex_table
 from server.exports import NOTE, TableFormat, line_of, written
-from server.schemas import BeliefPublic, Leaderboard, LeaderboardRow, NormalisedPublic, RatePublic
+from server.schemas.common import RatePublic
+from server.schemas.leaderboard import BeliefPublic, Leaderboard, LeaderboardRow, NormalisedPublic
 
 BOUNDS = ("", "_low", "_high")
 FACTS = ("memory", "window", "clock", "privileged", "preset")

@@ -23,7 +23,7 @@ from server.access import Principal
 from server.blobs import Blobs
 from server.models import Evaluation, Policy, PolicyVersion
 from server.problems import Problem, invalid
-from server.schemas import EvaluationCreate
+from server.schemas.evaluations import EvaluationCreate
 from server.settings import Settings
 from workers.conversion import convert
 from workers.policies import (

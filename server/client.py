@@ -19,24 +19,19 @@ import httpx
 from httpx_sse import EventSource, SSEError
 from pydantic import TypeAdapter, ValidationError
 
-from server.schemas import (
-    AttemptPublic,
-    Batch,
+from server.schemas.common import Page
+from server.schemas.episodes import (
     ChangePublic,
     DecisionPublic,
     EpisodeDetail,
     EpisodePublic,
-    EvaluationPublic,
     FailureGroup,
-    Leaderboard,
-    Me,
-    Page,
-    PolicyCreate,
-    PolicyDeclared,
-    PolicyVersionPublic,
-    TaskPublic,
-    UploadPublic,
 )
+from server.schemas.evaluations import AttemptPublic, Batch, EvaluationPublic
+from server.schemas.leaderboard import Leaderboard
+from server.schemas.people import Me
+from server.schemas.policies import PolicyCreate, PolicyDeclared, PolicyVersionPublic, UploadPublic
+from server.schemas.tasks import TaskPublic
 from server.states import ENDED
 from workers.protocol import NamedPolicy
 

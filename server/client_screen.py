@@ -13,7 +13,8 @@ from rich.table import Table
 from hide_tasks.contract import Category
 from hide_tasks.statistics import Rate
 from server.client import Happening
-from server.schemas import EpisodePublic, EvaluationPublic
+from server.schemas.episodes import EpisodePublic
+from server.schemas.evaluations import EvaluationPublic
 from server.tables import label, percent
 
 EVERY = 10.0  # s between two plain lines

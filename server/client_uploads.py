@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 from server.client import Client, ServerProblem, Unreachable
-from server.schemas import PolicyVersionPublic, UploadPublic
+from server.schemas.policies import PolicyVersionPublic, UploadPublic
 
 PIECE = 8 * 2**20  # bytes of one request
 LOADING = 900.0  # s that the server may take to load what came

@@ -4,9 +4,9 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 from server import latex
-from server.comparison_schemas import PairComparison, SeveralComparison
 from server.exports import NOTE, TableFormat, line_of, written
-from server.schemas import RatePublic, Verdicts
+from server.schemas.common import RatePublic, Verdicts
+from server.schemas.several import PairComparison, SeveralComparison
 
 
 def of_comparison(found: SeveralComparison, format: TableFormat) -> Iterator[bytes]:

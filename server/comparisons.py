@@ -17,15 +17,14 @@ from hide_tasks.contract import Category, Split
 from server import policies, statistics, suites
 from server.models import Episode, Evaluation, PolicyVersion
 from server.problems import Problem, invalid
-from server.schemas import (
+from server.schemas.common import RatePublic, Verdict
+from server.schemas.comparisons import (
     Compared,
     Comparison,
     Discordant,
     GroupComparison,
     PairedTable,
-    RatePublic,
     TaskComparison,
-    Verdict,
 )
 from server.states import EvaluationState
 from server.statistics import Table

@@ -11,7 +11,7 @@ from sqlalchemy.orm import Session
 from server import evaluations, idempotency
 from server.access import Principal
 from server.models import Evaluation
-from server.schemas import EvaluationCreate
+from server.schemas.evaluations import EvaluationCreate
 from server.states import EvaluationState
 
 POLICIES = ("expert", "amnesiac")

@@ -14,13 +14,13 @@ from server.matching import conditions
 from server.models import Decision, Episode, HiddenChange, HiddenSpan
 from server.paging import after, page
 from server.problems import Problem, not_found
-from server.schemas import (
+from server.schemas.common import Page
+from server.schemas.episodes import (
     ChangePublic,
     DecisionPublic,
     EpisodeDetail,
     EpisodePublic,
     FailureGroup,
-    Page,
     SpanPublic,
 )
 from server.states import EpisodeState

@@ -17,7 +17,8 @@ from server import evaluations, quotas, suites, waiting
 from server.access import Principal
 from server.hub import Hub
 from server.models import Episode, Evaluation, PolicyVersion, User
-from server.schemas import EstimatePublic, EvaluationCreate, Quotas
+from server.schemas.evaluations import EstimatePublic, EvaluationCreate
+from server.schemas.people import Quotas
 from server.states import Desired, EpisodeState, EvaluationState
 from workers.protocol import SHARD_SIZE
 

@@ -17,15 +17,8 @@ from server.access import Principal, Scope
 from server.models import Attempt, Episode, Evaluation, Event, Policy, PolicyVersion, Shard
 from server.paging import after, page
 from server.problems import invalid, not_found
-from server.schemas import (
-    AttemptPublic,
-    EvaluationCreate,
-    EvaluationPublic,
-    Page,
-    Progress,
-    RatePublic,
-    Verdicts,
-)
+from server.schemas.common import Page, RatePublic, Verdicts
+from server.schemas.evaluations import AttemptPublic, EvaluationCreate, EvaluationPublic, Progress
 from server.states import EpisodeState, EvaluationState, ShardState
 from workers.protocol import ReplayPolicy
 from workers.results import in_order

@@ -8,7 +8,8 @@ from sqlalchemy.orm import Session
 
 from server.models import Event
 from server.paging import after, page
-from server.schemas import LogLine, Page
+from server.schemas.common import Page
+from server.schemas.history import LogLine
 from server.states import AttemptState, EpisodeState, EvaluationState
 
 TAIL = 200  # lines of a page

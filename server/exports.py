@@ -17,12 +17,9 @@ from hide_tasks import ALL_TASKS
 from server import episodes, evaluations, latex
 from server.db import Database
 from server.paging import MOST
-from server.schemas import (
-    EpisodePublic,
-    EvaluationPublic,
-    Verdict,
-    Verdicts,
-)
+from server.schemas.common import Verdict, Verdicts
+from server.schemas.episodes import EpisodePublic
+from server.schemas.evaluations import EvaluationPublic
 from server.states import EpisodeState
 
 FORMULAS = ("=", "+", "-", "@", "\t", "\r")  # what a spreadsheet would calculate

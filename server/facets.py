@@ -16,7 +16,7 @@ from hide_tasks.contract import Category
 from server import labels
 from server.matching import conditions, is_last
 from server.models import Episode, Evaluation, HiddenSpan, Policy, PolicyVersion
-from server.schemas import EpisodeFacets, FacetValue
+from server.schemas.episodes import EpisodeFacets, FacetValue
 from server.wanted import Wanted, pair, pairs
 
 VERDICT = case(

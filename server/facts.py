@@ -9,7 +9,8 @@ from typing import Any
 from seek_model.config import Config, Memory
 from seek_model.presets import preset
 from server.models import PolicyVersion
-from server.schemas import Component, PolicyDeclared, PolicyFacts
+from server.schemas.common import Component
+from server.schemas.policies import PolicyDeclared, PolicyFacts
 
 UNDECLARED = "undeclared"
 NONE = "none"

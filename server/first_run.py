@@ -5,7 +5,7 @@ from sqlalchemy.orm import Session
 
 from server import evaluations
 from server.models import Evaluation
-from server.schemas import EvaluationCreate
+from server.schemas.evaluations import EvaluationCreate
 
 REFERENCES = ("expert", "amnesiac", "random", "noop")
 

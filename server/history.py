@@ -16,11 +16,7 @@ from sqlalchemy.orm import Session
 from server import lanes
 from server.lanes import Spans
 from server.models import Attempt, Evaluation, Event, Policy, PolicyVersion, Shard, now
-from server.schemas import (
-    Activity,
-    HistoryPublic,
-    Phase,
-)
+from server.schemas.history import Activity, HistoryPublic, Phase
 from server.states import ENDED, AttemptState, EvaluationState
 
 SHORTEST = timedelta(seconds=1)  # of a phase that is told apart from its neighbours

@@ -11,7 +11,7 @@ from sqlalchemy.orm import Session, aliased
 from server.access import Principal
 from server.models import Episode, EpisodeLabel, new_id
 from server.problems import Problem, invalid, not_found
-from server.schemas import LabelCount, LabelCreate, LabelPublic
+from server.schemas.episodes import LabelCount, LabelCreate, LabelPublic
 from server.states import EpisodeState
 
 MOST = 200  # of an episode, withdrawn ones as well

@@ -13,7 +13,7 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from server.models import Attempt, Episode, Event
-from server.schemas import Lane, LaneSpan, Outcome
+from server.schemas.history import Lane, LaneSpan, Outcome
 from server.states import EpisodeState
 
 Spans = Mapping[str, Sequence[LaneSpan]]  # by shard

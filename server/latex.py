@@ -3,7 +3,8 @@
 from collections.abc import Iterable, Mapping, Sequence
 from statistics import fmean
 
-from server.schemas import LeaderboardRow, Verdict, Verdicts
+from server.schemas.common import Verdict, Verdicts
+from server.schemas.leaderboard import LeaderboardRow
 
 COLUMNS = {  # in the paper's order
     "RC": (

@@ -6,7 +6,7 @@ It wants `\usepackage{booktabs,graphicx}` and `\usepackage[table]{xcolor}`.
 from collections.abc import Iterable, Sequence
 
 from server import latex
-from server.schemas import Leaderboard, LeaderboardRow
+from server.schemas.leaderboard import Leaderboard, LeaderboardRow
 
 HEADS = {
     "push_button_times": r"Push\\Button",

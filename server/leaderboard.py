@@ -22,15 +22,13 @@ from server.evaluations import Counts, verdicts
 from server.models import Evaluation
 from server.normalised import counting, normalised
 from server.outcomes import Outcomes
-from server.schemas import (
+from server.schemas.common import RatePublic, Verdict, Verdicts
+from server.schemas.leaderboard import (
     BeliefPublic,
     Leaderboard,
     LeaderboardColumn,
     LeaderboardRow,
     NormalisedPublic,
-    RatePublic,
-    Verdict,
-    Verdicts,
 )
 from server.states import EvaluationState
 from server.suites import BOARDS

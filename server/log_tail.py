@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from server.hub import WORKERS_LOG, Hub
-from server.schemas import WorkersLog
+from server.schemas.history import WorkersLog
 
 MOST = 16_000  # bytes
 

@@ -8,7 +8,8 @@ leaves, and one whose ceiling is high does not blow up chance.
 from collections.abc import Mapping, Sequence
 from statistics import fmean
 
-from server.schemas import LeaderboardColumn, NormalisedPublic, RatePublic, Verdict, Verdicts
+from server.schemas.common import RatePublic, Verdict, Verdicts
+from server.schemas.leaderboard import LeaderboardColumn, NormalisedPublic
 
 
 def counting(columns: Sequence[LeaderboardColumn], verdict: Verdict) -> dict[str, float]:

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from typing import TypeVar
 
 from server.problems import invalid
-from server.schemas import Page
+from server.schemas.common import Page
 
 Row = TypeVar("Row")
 Item = TypeVar("Item")

@@ -15,7 +15,7 @@ from hide_tasks.contract import DecisionRecord, HiddenState, Keyframe
 from server import episodes
 from server.models import Episode, Evaluation, PolicyVersion
 from server.problems import Problem
-from server.schemas import DecisionPublic, PartingPublic, RunPublic
+from server.schemas.episodes import DecisionPublic, PartingPublic, RunPublic
 from server.states import EvaluationState
 
 FAR = 0.03  # m; the tip's targets are the same below: a trained policy is off by a centimetre

@@ -60,7 +60,7 @@ def add_user(
 
     from server import users
     from server.access import Role
-    from server.schemas import UserName
+    from server.schemas.people import UserName
 
     try:
         TypeAdapter(UserName).validate_python(name)

@@ -11,7 +11,8 @@ from server.access import Principal
 from server.models import Evaluation, Policy, PolicyVersion, new_id
 from server.paging import after, page
 from server.problems import Problem, invalid
-from server.schemas import Page, PolicyFacts, PolicyVersionPublic
+from server.schemas.common import Page
+from server.schemas.policies import PolicyFacts, PolicyVersionPublic
 from workers.policies import BUILTIN
 from workers.preflight import Check
 from workers.protocol import BuiltInPolicy, PolicySpec, ReplayPolicy

@@ -10,7 +10,8 @@ from hide_tasks import ALL_TASKS, suite
 from server import snapshots
 from server.models import Evaluation, LeaderboardSnapshot
 from server.problems import Problem
-from server.schemas import PublicationPublic, SnapshotPublic
+from server.schemas.history import PublicationPublic
+from server.schemas.snapshots import SnapshotPublic
 from server.states import EvaluationState
 
 

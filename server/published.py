@@ -8,7 +8,7 @@ Manipulation, table `tab:main_results`.
 """
 
 from server.latex import COLUMNS
-from server.schemas import PublishedPublic, PublishedRow
+from server.schemas.leaderboard import PublishedPublic, PublishedRow
 
 EPISODES = 25  # of each task
 SIMULATOR = "RLBench (CoppeliaSim)"

@@ -15,7 +15,7 @@ from hide_tasks.contract import Split
 from server.access import Principal, Scope
 from server.models import Evaluation, Policy, PolicyVersion, User, now
 from server.problems import Problem
-from server.schemas import Quota, Quotas
+from server.schemas.people import Quota, Quotas
 from server.settings import Settings
 from server.states import EvaluationState
 

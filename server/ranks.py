@@ -6,7 +6,8 @@ import numpy as np
 
 from server import statistics
 from server.outcomes import Outcomes
-from server.schemas import LeaderboardRow, Verdict
+from server.schemas.common import Verdict
+from server.schemas.leaderboard import LeaderboardRow
 
 
 def numbered(rows: Iterable[LeaderboardRow], verdict: Verdict) -> Iterable[LeaderboardRow]:

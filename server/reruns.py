@@ -6,7 +6,9 @@ from collections.abc import Iterator
 from sqlalchemy.orm import Session
 
 from server import episodes, evaluations, policies
-from server.schemas import EpisodeDetail, EvaluationPublic, PolicyVersionPublic, RerunPublic
+from server.schemas.episodes import EpisodeDetail, RerunPublic
+from server.schemas.evaluations import EvaluationPublic
+from server.schemas.policies import PolicyVersionPublic
 from workers.actions_file import ACTIONS_SUFFIX, EpisodeActions
 from workers.protocol import (
     BuiltInPolicy,

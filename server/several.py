@@ -13,7 +13,11 @@ from sqlalchemy.orm import Session
 from hide_tasks import load
 from hide_tasks.contract import Category, Split
 from server import belief_scores, comparisons, facts, statistics
-from server.comparison_schemas import (
+from server.models import Episode, Evaluation
+from server.problems import invalid
+from server.schemas.common import RatePublic, Verdict
+from server.schemas.leaderboard import BeliefPublic
+from server.schemas.several import (
     Entrant,
     Figures,
     Mean,
@@ -23,9 +27,6 @@ from server.comparison_schemas import (
     SeveralGroup,
     SeveralTask,
 )
-from server.models import Episode, Evaluation
-from server.problems import invalid
-from server.schemas import BeliefPublic, RatePublic, Verdict
 from server.states import EvaluationState
 from server.statistics import Table
 

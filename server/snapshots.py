@@ -18,7 +18,8 @@ from server import leaderboard, statistics
 from server.models import Episode, Evaluation, LeaderboardSnapshot
 from server.paging import after, page
 from server.problems import Problem, not_found
-from server.schemas import Page, SnapshotContent, SnapshotEvaluation, SnapshotPublic
+from server.schemas.common import Page
+from server.schemas.snapshots import SnapshotContent, SnapshotEvaluation, SnapshotPublic
 
 
 def content(session: Session, split: Split) -> str:

@@ -14,7 +14,8 @@ from sqlalchemy.orm import Session
 from hide_tasks.contract import Category, Split
 from hide_tasks.suite import SUITE
 from server import leaderboard
-from server.schemas import Leaderboard, LeaderboardColumn, LeaderboardRow, Verdict
+from server.schemas.common import Verdict
+from server.schemas.leaderboard import Leaderboard, LeaderboardColumn, LeaderboardRow
 from server.suites import BOARDS
 
 Order = Literal["asc", "desc"]

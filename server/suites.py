@@ -11,7 +11,8 @@ from hide_tasks import ALL_TASKS, load, suite
 from hide_tasks.contract import Category, Split
 from server.models import Evaluation
 from server.problems import invalid
-from server.schemas import Covers, EvaluationCreate
+from server.schemas.common import Covers
+from server.schemas.evaluations import EvaluationCreate
 from workers.results import in_order
 
 SMOKE_SPLIT: Split = "val"

@@ -9,7 +9,7 @@ from hide_tasks import ALL_TASKS, UnknownTask
 from hide_tasks.certificates import committed
 from server import tables
 from server.problems import Problem
-from server.schemas import AliasPublic, CertificatePublic, TaskPublic
+from server.schemas.tasks import AliasPublic, CertificatePublic, TaskPublic
 
 PICTURES = "/static/tasks"
 

@@ -9,7 +9,7 @@ from sqlalchemy.orm import Session
 
 from server.hub import Hub
 from server.models import Attempt, Episode, Evaluation, PolicyVersion, Shard
-from server.schemas import Queue, QueueItem, QueueReason, WorkerPublic, Workers
+from server.schemas.queue import Queue, QueueItem, QueueReason, WorkerPublic, Workers
 from server.states import AttemptState, Desired, EpisodeState, ShardState
 
 Why = tuple[QueueReason, str]

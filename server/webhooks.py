@@ -19,7 +19,8 @@ from sqlalchemy.orm import Session
 from server.models import Delivery, Evaluation, Event, User, Webhook, new_id, now
 from server.paging import after, page
 from server.problems import Problem, invalid, not_found
-from server.schemas import DeliveryPublic, Page, WebhookPublic
+from server.schemas.common import Page
+from server.schemas.webhooks import DeliveryPublic, WebhookPublic
 from server.states import DeliveryState, WebhookEvent
 from workers.remote import egress
 

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from server import tasks
-from server.schemas import AliasPublic
+from server.schemas.tasks import AliasPublic
 
 EXPLAINS = "push_button_times"  # the task whose alias pair explains the project
 

@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 from itertools import groupby
 
-from server.schemas import BeliefCheck, BeliefsPublic
+from server.schemas.episodes import BeliefCheck, BeliefsPublic
 from web.lanes import Lane, Span
 
 NAME = "stages done"

@@ -8,13 +8,8 @@ from sqlalchemy.orm import Session
 
 from server import episodes, evaluations, partings
 from server.problems import invalid
-from server.schemas import (
-    DecisionPublic,
-    EpisodeDetail,
-    EvaluationPublic,
-    PartingPublic,
-    RunPublic,
-)
+from server.schemas.episodes import DecisionPublic, EpisodeDetail, PartingPublic, RunPublic
+from server.schemas.evaluations import EvaluationPublic
 from web.timeline import Timeline
 
 EXPERT = "expert"

@@ -14,7 +14,7 @@ from pydantic import Field
 from server import standings
 from server.problems import invalid
 from server.published import published
-from server.schemas import Leaderboard, LeaderboardRow
+from server.schemas.leaderboard import Leaderboard, LeaderboardRow
 from server.standings import BoardQuery, Text
 from web import board_charts
 from web.templating import part, query

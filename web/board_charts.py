@@ -11,7 +11,8 @@ from typing import NamedTuple
 from markupsafe import Markup
 
 from hide_tasks.contract import Category
-from server.schemas import Leaderboard, LeaderboardRow, RatePublic
+from server.schemas.common import RatePublic
+from server.schemas.leaderboard import Leaderboard, LeaderboardRow
 from web import wording
 from web.charts import element
 

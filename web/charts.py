@@ -2,7 +2,9 @@
 
 from markupsafe import Markup, escape
 
-from server.schemas import EpisodePublic, PartingPublic, Progress, RatePublic, Verdicts
+from server.schemas.common import RatePublic, Verdicts
+from server.schemas.episodes import EpisodePublic, PartingPublic
+from server.schemas.evaluations import Progress
 
 
 def element(name: str, *children: str | Markup, **attributes: object) -> Markup:

@@ -7,8 +7,8 @@ from typing import Annotated, Any
 from fastapi import Query
 
 from hide_tasks.contract import Category, Split
-from server.comparison_schemas import SeveralComparison, SeveralEpisode
-from server.schemas import Verdict
+from server.schemas.common import Verdict
+from server.schemas.several import SeveralComparison, SeveralEpisode
 from web.episode_grid import LETTERS
 from web.filters import EMPTY_IS_NONE
 from web.templating import query

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 
 from markupsafe import Markup
 
-from server.comparison_schemas import SeveralEpisode
+from server.schemas.several import SeveralEpisode
 from web.charts import element
 from web.templating import query
 

@@ -7,7 +7,7 @@ from sqlalchemy.orm import Session
 
 from hide_tasks.contract import Category, Failure
 from server import evaluations, facets
-from server.schemas import EpisodeFacets, FacetValue
+from server.schemas.episodes import EpisodeFacets, FacetValue
 from web.filters import Filters
 from web.wording import CATEGORIES, FAILURES, VERDICTS, value, words
 

@@ -6,7 +6,7 @@ from math import ceil
 
 from markupsafe import Markup
 
-from server.schemas import Paired
+from server.schemas.comparisons import Paired
 from web.charts import element
 
 STEP = 0.2  # of the axis

@@ -4,7 +4,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from itertools import pairwise
 from typing import NamedTuple
 
-from server.schemas import DecisionPublic, EpisodeDetail, SpanPublic
+from server.schemas.episodes import DecisionPublic, EpisodeDetail, SpanPublic
 from web import wording
 
 # What is counted has a track of its own, under the truth; the window is seen in pictures.

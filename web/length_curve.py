@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 from markupsafe import Markup
 
-from server.ablation_schemas import MeanRate
+from server.schemas.ablations import MeanRate
 from web.charts import element
 
 WIDTH, HEIGHT = 210.0, 120.0  # px of the plot

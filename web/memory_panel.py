@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from hide_tasks.contract import Attention, Belief
-from server.schemas import BeliefCheck, BeliefsPublic, DecisionPublic
+from server.schemas.episodes import BeliefCheck, BeliefsPublic, DecisionPublic
 
 ANCHOR = "anchor"  # the slot of SEEK's persistent anchor
 WINDOW = "window {}"  # the slots of its window, the latest entry first

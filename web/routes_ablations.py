@@ -9,11 +9,11 @@ from markupsafe import Markup
 from hide_tasks.contract import Split
 from server import ablations
 from server.ablation_rows import GROUPS, Size
-from server.ablation_schemas import AblationBlock, AblationRow
 from server.ablations import Asked, place_of
 from server.access import Router, Scope, needs
 from server.deps import Reading
-from server.schemas import Verdict
+from server.schemas.ablations import AblationBlock, AblationRow
+from server.schemas.common import Verdict
 from web.grouped_bars import Bar, grouped
 from web.length_curve import Point, curve
 from web.templating import page, query

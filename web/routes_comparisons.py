@@ -11,11 +11,11 @@ from sqlalchemy.orm import Session
 from hide_tasks.contract import Split
 from server import comparisons, outcomes, several
 from server.access import Router, Scope, needs
-from server.comparison_schemas import SeveralComparison
 from server.deps import Reading
 from server.models import Evaluation
 from server.problems import Problem
-from server.schemas import RatePublic, Verdict
+from server.schemas.common import RatePublic, Verdict
+from server.schemas.several import SeveralComparison
 from web import comparing, episode_grid
 from web.comparing import Asked, OneCategory, OneTask, Side, Typed, Which
 from web.episode_grid import LETTERS

@@ -13,7 +13,7 @@ from server import episodes, evaluations, labels, partings, reruns
 from server.access import Router, Scope, needs
 from server.beliefs import checked
 from server.deps import Reading
-from server.schemas import DecisionPublic, EpisodeDetail
+from server.schemas.episodes import DecisionPublic, EpisodeDetail
 from web.beside import beside, offered
 from web.filters import Filters
 from web.memory_panel import memories

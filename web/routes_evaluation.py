@@ -19,7 +19,9 @@ from server.episodes import Cell
 from server.hub import Hub
 from server.kept import Kept
 from server.models import Evaluation, now
-from server.schemas import AttemptPublic, HistoryPublic, RatePublic, Verdicts
+from server.schemas.common import RatePublic, Verdicts
+from server.schemas.evaluations import AttemptPublic
+from server.schemas.history import HistoryPublic
 from server.states import ENDED, AttemptState, Desired
 from web.templating import page, part
 from web.worker_lanes import ACTIVITIES, LanesDrawing, summary, waits

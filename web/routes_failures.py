@@ -12,7 +12,7 @@ from hide_tasks.contract import Category, Failure
 from server import episodes, evaluations, facets, labels, partings
 from server.access import Router, Scope, needs
 from server.deps import Reading
-from server.schemas import EpisodePublic, FailureGroup, LabelPublic, PartingPublic
+from server.schemas.episodes import EpisodePublic, FailureGroup, LabelPublic, PartingPublic
 from web.facets import chosen, shown_facets
 from web.filters import Filters
 from web.templating import page

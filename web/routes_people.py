@@ -12,7 +12,7 @@ from server.deps import Cursor, Reading, TheHub
 from server.hub import Hub
 from server.problems import Problem, of_validation
 from server.routes import people as api
-from server.schemas import UserChange, UserCreate
+from server.schemas.people import UserChange, UserCreate
 from web.templating import page
 
 PATH = "/people"

@@ -10,7 +10,7 @@ from server import snapshots
 from server.access import Router, Scope, needs
 from server.deps import Cursor, Reading, TheHub, ThePrincipal
 from server.routes.snapshots import take_snapshot
-from server.schemas import SnapshotContent, SnapshotCreate
+from server.schemas.snapshots import SnapshotContent, SnapshotCreate
 from web.board import VIEWS, PageQuery, Shown, fields
 from web.routes_leaderboard import SHOWN_SPLITS
 from web.templating import page

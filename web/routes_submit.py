@@ -14,7 +14,8 @@ from server.access import Router, Scope, needs
 from server.deps import Reading, TheHub, ThePrincipal
 from server.models import Evaluation
 from server.routes.uploads import list_uploads
-from server.schemas import EvaluationPublic, PolicyVersionPublic
+from server.schemas.evaluations import EvaluationPublic
+from server.schemas.policies import PolicyVersionPublic
 from web.templating import page
 from web.wording import WIRES
 from workers.policies import BUILTIN

@@ -11,7 +11,9 @@ from server import leaderboard, tasks
 from server.access import Router, Scope, needs
 from server.deps import Reading
 from server.problems import invalid
-from server.schemas import CertificatePublic, LeaderboardRow, RatePublic, Verdicts
+from server.schemas.common import RatePublic, Verdicts
+from server.schemas.leaderboard import LeaderboardRow
+from server.schemas.tasks import CertificatePublic
 from web.aliases import clearest
 from web.templating import page
 

@@ -11,7 +11,7 @@ from server.access import Router, Scope, needs
 from server.deps import Cursor, Reading, TheHub, ThePrincipal
 from server.problems import Problem, of_validation
 from server.routes import webhooks as api
-from server.schemas import WHEN_ENDED, WebhookChange, WebhookCreate, WebhookPublic
+from server.schemas.webhooks import WHEN_ENDED, WebhookChange, WebhookCreate, WebhookPublic
 from server.states import DeliveryState, WebhookEvent
 from web.filters import EMPTY_IS_NONE
 from web.templating import page

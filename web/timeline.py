@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 from markupsafe import Markup
 
-from server.schemas import BeliefsPublic, DecisionPublic, EpisodeDetail, SpanPublic
+from server.schemas.episodes import BeliefsPublic, DecisionPublic, EpisodeDetail, SpanPublic
 from web import belief_track, lanes, wording
 from web.charts import element
 from web.lanes import Lane, Span

@@ -9,7 +9,7 @@ from datetime import datetime, timedelta
 
 from markupsafe import Markup
 
-from server.schemas import HistoryPublic, LaneSpan, Phase
+from server.schemas.history import HistoryPublic, LaneSpan, Phase
 from web import wording
 from web.charts import element
 

@@ -9,7 +9,8 @@ from server.deps import Cursor, Limit, Reading, TheHub, ThePrincipal
 from server.hub import Hub
 from server.problems import Problem, of_exception, of_validation
 from server.routes.evaluations import IdempotencyKey, queued
-from server.schemas import Batch, BatchCreate, BatchPublic, EvaluationCreate, Page
+from server.schemas.common import Page
+from server.schemas.evaluations import Batch, BatchCreate, BatchPublic, EvaluationCreate
 
 router = Router(prefix="/batches", tags=["evaluations"])
 

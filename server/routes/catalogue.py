@@ -8,7 +8,8 @@ from server import leaderboard, published, standings, tasks
 from server.access import Router, Scope, needs
 from server.deps import Reading
 from server.revalidation import Revalidate
-from server.schemas import Leaderboard, PublishedPublic, TaskPublic
+from server.schemas.leaderboard import Leaderboard, PublishedPublic
+from server.schemas.tasks import TaskPublic
 from server.standings import BoardQuery
 
 router = Router(tags=["catalogue"])

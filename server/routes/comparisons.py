@@ -9,15 +9,15 @@ from pydantic import StringConstraints
 from hide_tasks.contract import Split
 from server import ablation_exports, ablations, comparison_exports, several
 from server.ablation_rows import Size
-from server.ablation_schemas import Ablations
 from server.ablations import Asked
 from server.access import Router, Scope, needs
-from server.comparison_schemas import SeveralComparison
 from server.deps import Reading
 from server.exports import TableFormat
 from server.revalidation import Revalidate
 from server.routes.exports import file_of, of_formats
-from server.schemas import Verdict
+from server.schemas.ablations import Ablations
+from server.schemas.common import Verdict
+from server.schemas.several import SeveralComparison
 
 router = Router(tags=["catalogue"])
 

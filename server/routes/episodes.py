@@ -19,12 +19,12 @@ from server.growing import BrokenOff, Growing
 from server.hub import Hub
 from server.problems import not_found
 from server.revalidation import FOR_EVER, Revalidate, Revalidation
-from server.schemas import (
+from server.schemas.common import Page
+from server.schemas.episodes import (
     ChangePublic,
     DecisionPublic,
     EpisodeDetail,
     EpisodePublic,
-    Page,
     PartingPublic,
     RunPublic,
     SpanPublic,

@@ -12,14 +12,14 @@ from server.access import Principal, Router, Scope, needs
 from server.deps import Cursor, EvaluationId, Limit, Reading, TheHub, ThePrincipal
 from server.hub import Hub
 from server.models import Evaluation
-from server.schemas import (
+from server.schemas.common import Page
+from server.schemas.episodes import FailureGroup
+from server.schemas.evaluations import (
     AttemptPublic,
     EstimatePublic,
     EstimateQuery,
     EvaluationCreate,
     EvaluationPublic,
-    FailureGroup,
-    Page,
 )
 from server.states import EvaluationState
 

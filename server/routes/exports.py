@@ -12,7 +12,7 @@ from server import board_exports, evaluations, standings
 from server.access import Router, Scope, needs
 from server.deps import EvaluationId, Reading, TheHub
 from server.exports import MEDIA_TYPES, SUFFIXES, EvaluationFormat, Exported, TableFormat
-from server.schemas import Verdict
+from server.schemas.common import Verdict
 from server.standings import BoardQuery
 
 router = Router(tags=["exports"])

@@ -11,7 +11,7 @@ from server.deps import Reading, TheHub
 from server.episode_order import Sort
 from server.exports import EpisodesFormat
 from server.routes.exports import file_of, of_formats
-from server.schemas import EpisodeFacets
+from server.schemas.episodes import EpisodeFacets
 from server.wanted import Wanted
 
 router = Router(tags=["episodes"])

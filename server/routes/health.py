@@ -8,7 +8,7 @@ from hide_tasks.machine import installed
 from server.access import Gate, Router, needs
 from server.deps import Reading, TheHub
 from server.models import Attempt, Shard
-from server.schemas import Health
+from server.schemas.operation import Health
 from server.states import AttemptState, ShardState
 
 router = Router(tags=["health"])

@@ -10,17 +10,10 @@ from server.deps import Cursor, EvaluationId, Limit, Reading, TheHub, ThePrincip
 from server.models import Evaluation
 from server.routes.evaluations import queued
 from server.routes.snapshots import take_snapshot
-from server.schemas import (
-    EvaluationCreate,
-    EvaluationPublic,
-    HistoryPublic,
-    LogLine,
-    Page,
-    PublicationPublic,
-    SnapshotCreate,
-    SnapshotPublic,
-    WorkersLog,
-)
+from server.schemas.common import Page
+from server.schemas.evaluations import EvaluationCreate, EvaluationPublic
+from server.schemas.history import HistoryPublic, LogLine, PublicationPublic, WorkersLog
+from server.schemas.snapshots import SnapshotCreate, SnapshotPublic
 
 router = Router(tags=["evaluations"])
 

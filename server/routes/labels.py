@@ -5,7 +5,7 @@ from fastapi import Response
 from server import episodes, labels
 from server.access import Router, Scope, needs
 from server.deps import Reading, TheHub, ThePrincipal
-from server.schemas import LabelCount, LabelCreate, LabelPublic
+from server.schemas.episodes import LabelCount, LabelCreate, LabelPublic
 
 router = Router(tags=["episodes"])
 

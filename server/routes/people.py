@@ -11,10 +11,10 @@ from server.deps import Cursor, Limit, Reading, TheHub, ThePrincipal
 from server.models import Token, User
 from server.paging import after, page
 from server.problems import Problem, invalid, not_found
-from server.schemas import (
+from server.schemas.common import Page
+from server.schemas.people import (
     AuditEntryPublic,
     Me,
-    Page,
     TokenCreate,
     TokenCreated,
     TokenPublic,

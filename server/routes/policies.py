@@ -14,13 +14,11 @@ from server.checkpoints import Received
 from server.deps import Cursor, Limit, Reading, TheHub, ThePrincipal
 from server.hub import Hub
 from server.problems import Problem, invalid
-from server.schemas import (
+from server.schemas.common import Description, Page, PolicyName
+from server.schemas.policies import (
     ConnectionCreate,
     ConnectionPublic,
-    Description,
-    Page,
     PolicyCreate,
-    PolicyName,
     PolicyVersionPublic,
 )
 from workers.policies import BadPolicy, Hosted, Remote, Surroundings

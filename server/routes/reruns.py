@@ -5,7 +5,7 @@ from fastapi import Response
 from server import beliefs, episodes, reruns
 from server.access import Router, Scope, needs
 from server.deps import Reading
-from server.schemas import BeliefsPublic, RerunPublic
+from server.schemas.episodes import BeliefsPublic, RerunPublic
 from workers.actions_file import EpisodeActions
 
 router = Router(prefix="/episodes/{episode}", tags=["episodes"])

@@ -9,14 +9,9 @@ from server import comparisons, snapshots
 from server.access import Router, Scope, needs
 from server.deps import Cursor, Limit, Reading, TheHub, ThePrincipal
 from server.revalidation import FOR_EVER, Revalidate
-from server.schemas import (
-    Comparison,
-    Page,
-    SnapshotContent,
-    SnapshotCreate,
-    SnapshotPublic,
-    Verdict,
-)
+from server.schemas.common import Page, Verdict
+from server.schemas.comparisons import Comparison
+from server.schemas.snapshots import SnapshotContent, SnapshotCreate, SnapshotPublic
 
 router = Router(tags=["catalogue"])
 SNAPSHOTS = "/leaderboard/snapshots"

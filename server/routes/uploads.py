@@ -23,7 +23,7 @@ from server.hub import Hub
 from server.models import Upload, now
 from server.problems import Problem, invalid, of_validation
 from server.routes.policies import taken
-from server.schemas import PolicyVersionPublic, UploadMetadata, UploadPublic
+from server.schemas.policies import PolicyVersionPublic, UploadMetadata, UploadPublic
 
 router = Router(prefix="/uploads", tags=["uploads"])
 VERSION = "1.0.0"

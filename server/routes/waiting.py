@@ -4,7 +4,7 @@ from server import waiting
 from server.access import Router, Scope, needs
 from server.deps import EvaluationId, Limit, Reading, TheHub
 from server.problems import Problem
-from server.schemas import Queue, QueueItem, Workers
+from server.schemas.queue import Queue, QueueItem, Workers
 
 router = Router(tags=["evaluations"])
 

@@ -8,9 +8,9 @@ from server import webhooks
 from server.access import Router, Scope, needs
 from server.deps import Cursor, Limit, Reading, TheHub, ThePrincipal
 from server.models import Webhook, now
-from server.schemas import (
+from server.schemas.common import Page
+from server.schemas.webhooks import (
     DeliveryPublic,
-    Page,
     WebhookChange,
     WebhookCreate,
     WebhookCreated,

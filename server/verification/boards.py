@@ -12,7 +12,9 @@ from server import evaluations, outcomes, snapshots
 from server.evaluations import Counts
 from server.leaderboard import compute, together
 from server.models import Evaluation, LeaderboardSnapshot
-from server.schemas import LeaderboardRow, SnapshotContent, Verdicts
+from server.schemas.common import Verdicts
+from server.schemas.leaderboard import LeaderboardRow
+from server.schemas.snapshots import SnapshotContent
 from server.verification.findings import Findings
 
 ByTask = dict[str, Counts]

@@ -14,7 +14,7 @@ from server.blobs import CHECKPOINT, Blobs
 from server.evaluations import Counts, current_sources
 from server.models import Attempt, Blob, Episode, Evaluation
 from server.read_only import ReadOnlyFolder
-from server.schemas import Verdicts
+from server.schemas.common import Verdicts
 from server.states import EpisodeState, EvaluationState
 from server.verification import episodes, simulation
 from server.verification.boards import check_leaderboard, check_snapshots, scores

@@ -28,7 +28,7 @@ from server.blobs import Blobs
 from server.commit import commit
 from server.db import Database, examine, known_revisions, migrate, migrations
 from server.models import Attempt, Base, Removal, User
-from server.schemas import LabelCreate
+from server.schemas.episodes import LabelCreate
 from server.states import WebhookEvent
 from tests.server import ledgers
 

@@ -32,7 +32,7 @@ from server.checkpoints import Received
 from server.commit import commit
 from server.db import Database
 from server.models import Attempt, Episode, Evaluation, Shard
-from server.schemas import EvaluationCreate
+from server.schemas.evaluations import EvaluationCreate
 from server.settings import LEDGER
 from workers.preflight import Check
 from workers.protocol import (

@@ -8,7 +8,7 @@ from hide_tasks.contract import Belief
 from server import beliefs, episodes
 from server.blobs import Blobs
 from server.db import Database
-from server.schemas import DecisionPublic, EpisodeDetail
+from server.schemas.episodes import DecisionPublic, EpisodeDetail
 from tests.server import ledgers
 
 

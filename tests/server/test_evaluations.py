@@ -14,7 +14,7 @@ from server.commit import commit
 from server.db import Database
 from server.models import Evaluation
 from server.problems import Problem
-from server.schemas import EvaluationCreate
+from server.schemas.evaluations import EvaluationCreate
 from server.states import EvaluationState
 from tests.server import ledgers
 

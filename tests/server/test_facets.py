@@ -12,7 +12,7 @@ from server.access import Principal, Role
 from server.blobs import Blobs
 from server.episode_order import Sort
 from server.problems import Problem
-from server.schemas import LabelCreate
+from server.schemas.episodes import LabelCreate
 from server.users import register_owner
 from server.wanted import Wanted
 from tests.server import ledgers

@@ -8,7 +8,7 @@ from fastapi.testclient import TestClient
 from seek_model.presets import CLOCK, NAMES, preset
 from server import facts
 from server.models import PolicyVersion
-from server.schemas import PolicyFacts
+from server.schemas.policies import PolicyFacts
 from tests.server import ledgers
 from tests.server.clients import hub_of
 from workers.policies import BUILTIN

@@ -14,7 +14,8 @@ from server import lifecycle
 from server.blobs import Blobs
 from server.db import Database
 from server.leaderboard import ceilings, leaderboard
-from server.schemas import Leaderboard, LeaderboardRow, Verdict
+from server.schemas.common import Verdict
+from server.schemas.leaderboard import Leaderboard, LeaderboardRow
 from tests.server import ledgers
 from tests.server.ledgers import Outcomes
 

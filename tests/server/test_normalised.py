@@ -5,7 +5,7 @@ import pytest
 from hide_tasks import ALL_TASKS
 from server import leaderboard
 from server.normalised import counting, normalised
-from server.schemas import RatePublic, Verdicts
+from server.schemas.common import RatePublic, Verdicts
 
 COLUMNS = leaderboard.columns()
 

@@ -9,7 +9,7 @@ from sqlalchemy.orm import Session
 from hide_tasks.contract import EEDelta, Keyframe, MotionOutcome
 from server import episodes, partings
 from server.blobs import Blobs
-from server.schemas import DecisionPublic
+from server.schemas.episodes import DecisionPublic
 from tests.server import ledgers
 
 STRAIGHT = (0.0, 1.0, 0.0, 0.0)

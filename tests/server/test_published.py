@@ -7,7 +7,7 @@ import pytest
 from hide_tasks import ALL_TASKS
 from server.latex import COLUMNS
 from server.published import EPISODES, published
-from server.schemas import PublishedRow
+from server.schemas.leaderboard import PublishedRow
 
 HALF = 0.05 + 1e-9  # a printed average has one digit behind the point
 ROWS = {row.method: row for row in published().rows}

@@ -16,7 +16,7 @@ from server.db import Database
 from server.growing import GrowingRecordings
 from server.models import Attempt, Shard
 from server.reconciler import Reconciler
-from server.schemas import EvaluationCreate
+from server.schemas.evaluations import EvaluationCreate
 from tests.server import ledgers, shards
 from tests.server.running import until
 from workers.engines.local import LocalEngine

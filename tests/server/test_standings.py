@@ -9,15 +9,9 @@ from pydantic import ValidationError
 from hide_tasks import ALL_TASKS, load
 from hide_tasks.contract import Category
 from server import leaderboard
-from server.schemas import (
-    BeliefPublic,
-    Leaderboard,
-    LeaderboardRow,
-    NormalisedPublic,
-    PolicyFacts,
-    RatePublic,
-    Verdicts,
-)
+from server.schemas.common import RatePublic, Verdicts
+from server.schemas.leaderboard import BeliefPublic, Leaderboard, LeaderboardRow, NormalisedPublic
+from server.schemas.policies import PolicyFacts
 from server.standings import SORTS, BoardQuery, shown, value_of
 
 NEW = datetime(2026, 3, 2, 8, tzinfo=UTC)

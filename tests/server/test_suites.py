@@ -10,7 +10,8 @@ from hide_tasks.contract import Category
 from server import suites
 from server.db import Database
 from server.problems import Problem
-from server.schemas import EvaluationCreate, SuiteName
+from server.schemas.common import SuiteName
+from server.schemas.evaluations import EvaluationCreate
 from tests.server import ledgers
 
 

@@ -8,7 +8,7 @@ import pytest
 from fastapi.testclient import TestClient
 
 from hide_tasks.contract import Failure
-from server.schemas import BeliefCheck, BeliefsPublic, PartingPublic
+from server.schemas.episodes import BeliefCheck, BeliefsPublic, PartingPublic
 from server.states import EpisodeState
 from tests.web import sites
 from tests.web.sites import Site

@@ -11,7 +11,7 @@ from sqlalchemy import func, select
 from hide_tasks.contract import Failure
 from server import labels
 from server.models import Episode
-from server.schemas import LabelCreate
+from server.schemas.episodes import LabelCreate
 from tests.web import sites
 from tests.web.conftest import TestClient
 from tests.web.sites import Site

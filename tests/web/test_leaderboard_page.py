@@ -13,7 +13,7 @@ from markupsafe import Markup
 from hide_tasks import ALL_TASKS
 from server import leaderboard
 from server.published import METHODS
-from server.schemas import Leaderboard
+from server.schemas.leaderboard import Leaderboard
 from server.suites import BOARDS
 from tests.server.clients import API
 from tests.web.sites import Site

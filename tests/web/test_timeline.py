@@ -4,7 +4,7 @@ import re
 from xml.etree import ElementTree
 
 from hide_tasks.contract import Event, Failure
-from server.schemas import DecisionPublic, SpanPublic
+from server.schemas.episodes import DecisionPublic, SpanPublic
 from tests.web.sites import Site
 from web.charts import element, progress_bar, rate_bar
 from web.routes_episodes import rows_of

@@ -15,7 +15,8 @@ from hide_tasks.contract import Category, EpisodeSpec, Failure
 from server import board_exports, latex, leaderboard
 from server.exports import TableFormat, line_of
 from server.models import now
-from server.schemas import Leaderboard, LeaderboardRow, RatePublic, Verdicts
+from server.schemas.common import RatePublic, Verdicts
+from server.schemas.leaderboard import Leaderboard, LeaderboardRow
 from server.standings import BoardQuery, shown
 from tests.server import ledgers
 from tests.server.clients import API, TestClient, client, hub_of

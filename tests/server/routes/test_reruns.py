@@ -9,11 +9,11 @@ from httpx import Response
 
 from hide_tasks.suite import episode as spec_of
 from server import reruns
-from server.schemas import PolicySpec, PolicyVersionPublic
+from server.schemas.policies import PolicyVersionPublic
 from tests.server import ledgers
 from tests.server.clients import API, TestClient, hub_of
 from workers.policies import Actions, parse
-from workers.protocol import CheckpointPolicy, PythonPolicy, RemotePolicy, ReplayPolicy
+from workers.protocol import CheckpointPolicy, PolicySpec, PythonPolicy, RemotePolicy, ReplayPolicy
 
 SHA256 = "a" * 64
 

@@ -3,7 +3,10 @@
 from pydantic import BaseModel
 
 from hide_tasks.contract import Category, Failure, Rules, Split
-from server.schemas import BeliefPublic, Compared, Paired, PolicyFacts, RatePublic, Verdict
+from server.schemas.common import RatePublic, Verdict
+from server.schemas.comparisons import Compared, Paired
+from server.schemas.leaderboard import BeliefPublic
+from server.schemas.policies import PolicyFacts
 
 
 class Entrant(Compared):

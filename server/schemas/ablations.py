@@ -3,7 +3,8 @@
 from pydantic import BaseModel
 
 from hide_tasks.contract import Split
-from server.schemas import PolicyFacts, RatePublic, Verdict
+from server.schemas.common import RatePublic, Verdict
+from server.schemas.policies import PolicyFacts
 
 
 class AblationVersion(BaseModel):
