@@ -57,5 +57,5 @@ class FineBranch(Branch):
 
     def position(self, fine: Fine) -> Float[Tensor, "f 3"]:
         """Where exactly, in the whole cube."""
-        near = heatmaps.decode(fine.logits.detach().float(), self.cameras)
+        near = heatmaps.peak(fine.logits.detach(), self.cameras)
         return unzoomed(near, fine.center, self.zoom)

@@ -7,7 +7,7 @@ corners of its pixels, which is why it averages four of them.)
 
 import torch
 from einops import rearrange
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from torch import Tensor
 from torch.nn import functional
 
@@ -49,16 +49,51 @@ def decode(logits: Float[Tensor, "f v s s"], cameras: VirtualCameras) -> Float[T
     A view that looks along an axis says the same of all voxels along it, so that the score of a
     voxel is the sum of one value of each of three maps, whatever the number of views.
     """
-    zy, zx, yx = _folded(torch.softmax(logits.float().flatten(-2), dim=-1).view_as(logits), cameras)
-    size = cameras.size
-    depth = max(1, CHUNK // (len(logits) * size**2))
+    maps = torch.softmax(logits.float().flatten(-2), dim=-1).view_as(logits)
+    return (_voxel(_folded(maps, cameras)) + 0.5) * (2 / cameras.size) - 1
+
+
+@torch.no_grad()
+def peak(logits: Float[Tensor, "f v s s"], cameras: VirtualCameras) -> Float[Tensor, "f 3"]:
+    """The place, in the cube, of the bell whose top is at the voxel that `decode` finds.
+
+    The logarithm of a Gaussian is a parabola: along each axis the one through the voxel and its
+    two neighbours, summed over the views that see the axis, tells where between them the top is,
+    at most half a voxel away.
+    """
+    logits = logits.float()
+    voxel = _voxel(_folded(torch.softmax(logits.flatten(-2), dim=-1).view_as(logits), cameras))
+    zy, zx, yx = (functional.pad(plane, (1, 1, 1, 1), mode="replicate")
+                  for plane in _folded(logits, cameras))  # fmt: skip
+    x, y, z = (voxel + 1).unbind(dim=-1)
+    frame = torch.arange(len(voxel), device=voxel.device)
+    along = [
+        lambda d: zx[frame, z, x + d] + yx[frame, y, x + d],
+        lambda d: zy[frame, z, y + d] + yx[frame, y + d, x],
+        lambda d: zy[frame, z + d, y] + zx[frame, z + d, x],
+    ]
+    beside = torch.stack([_top(line(-1), line(0), line(1)) for line in along], dim=-1)
+    return (voxel + 0.5 + beside) * (2 / cameras.size) - 1
+
+
+def _top(before: Tensor, here: Tensor, after: Tensor) -> Tensor:
+    """Where the parabola through three values at -1, 0 and 1 is highest; 0 if it opens upwards."""
+    bend = 2 * here - before - after
+    found = (after - before) / (2 * bend.clamp(min=1e-6))
+    return torch.where(bend > 1e-6, found.clamp(-0.5, 0.5), torch.zeros_like(found))
+
+
+def _voxel(planes: tuple[Tensor, Tensor, Tensor]) -> Int[Tensor, "f 3"]:
+    """The highest voxel, x y z, of the sums of three planes (f s s)."""
+    zy, zx, yx = planes
+    size = yx.shape[-1]
+    depth = max(1, CHUNK // (len(yx) * size**2))
     starts = range(0, size, depth)
     best = [_highest(zy[:, z : z + depth], zx[:, z : z + depth], yx) for z in starts]
     values, places = (torch.stack(parts) for parts in zip(*best, strict=True))  # chunk f
     chunk = values.argmax(dim=0)
     voxel = places.gather(0, chunk[None])[0] + chunk * depth * size**2
-    xyz = torch.stack([voxel % size, voxel // size % size, voxel // size**2], dim=-1)
-    return (xyz + 0.5) * (2 / size) - 1
+    return torch.stack([voxel % size, voxel // size % size, voxel // size**2], dim=-1)
 
 
 def at(

@@ -125,6 +125,8 @@ def _without_memory(config: Config) -> Config:
 
 def _start_from(network: Network, before: dict[str, Tensor]) -> None:
     """Takes over the memory-free policy; its say that it is done did not know of stages."""
+    if network.coarse.memory is None:
+        return checkpoint.fill(network, before)
     known = {name: one for name, one in before.items() if not name.startswith("coarse.stop.")}
     checkpoint.fill(network, known, may_miss=("coarse.memory.", "coarse.stop."))
 

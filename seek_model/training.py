@@ -230,16 +230,20 @@ def _started(path: Path, config: Config) -> dict[str, Tensor]:
 
 
 def _phases(config: Config) -> list[str]:
-    """Those that are trained."""
-    names = [name for name in PHASES if getattr(config.train, name).steps]
-    phases = [name for name in names if name == PHASES[0] or config.model.memory]
-    if config.train.start:
-        phases = [name for name in phases if name == PHASES[1]]
-        if not phases:
-            raise TrainingError(
-                "train.start leaves the first phase out, and there is no second: it needs a "
-                "model.memory and train.second.steps over 0."
-            )
+    """Those that are trained.
+
+    A model without memory has a second phase only if it goes on from a checkpoint: the same
+    updates as those of a model with memory, to compare it with.
+    """
+    first, second = PHASES
+    phases = [first] * (not config.train.start and config.train.first.steps > 0)
+    if config.train.second.steps and (config.model.memory or config.train.start):
+        phases.append(second)
+    if config.train.start and not phases:
+        raise TrainingError(
+            "train.start leaves the first phase out, and there is no second: "
+            "it needs train.second.steps over 0."
+        )
     if not phases:
         raise TrainingError("Nothing to train: train.first.steps is 0, and there is no second.")
     return phases

@@ -11,6 +11,7 @@ from seek_model import heatmaps
 from seek_model.views import VirtualCameras
 
 INSIDE = st.floats(-0.999, 0.999)
+NOT_AT_A_SIDE = st.tuples(*[st.floats(-0.9, 0.9)] * 3).map(torch.tensor)
 POINT = st.tuples(INSIDE, INSIDE, INSIDE).map(torch.tensor)
 
 
@@ -48,6 +49,27 @@ def test_the_target_of_a_point_is_decoded_to_its_voxel(point, count):
     found = heatmaps.decode((target + 1e-9).log(), cameras)
 
     assert (found - point).abs().max() <= 1 / 16 + 1e-4
+
+
+@settings(max_examples=30)
+@given(
+    point=st.tuples(*[st.floats(-0.9, 0.9)] * 3).map(torch.tensor), count=st.sampled_from([3, 5])
+)
+def test_the_top_of_a_bell_is_found_between_the_voxels(point, count):
+    cameras = VirtualCameras(count, 32)
+    far = cameras.project(point[None])[..., None, None, :]  # 1 v 1 1 2
+    grid = torch.stack(torch.meshgrid(*[torch.arange(32) + 0.5] * 2, indexing="xy"), dim=-1)
+    logits = -((grid - far) ** 2).sum(dim=-1) / (2 * heatmaps.SIGMA**2)
+
+    found = heatmaps.peak(logits, cameras)
+
+    assert (found - point).abs().max() < 1e-3 < 1 / 32
+
+
+def test_the_top_of_a_flat_map_is_the_middle_of_a_voxel():
+    cameras = VirtualCameras(3, 8)
+    found = heatmaps.peak(torch.zeros(1, 3, 8, 8), cameras)
+    torch.testing.assert_close(found, heatmaps.decode(torch.zeros(1, 3, 8, 8), cameras))
 
 
 @settings(max_examples=30)

@@ -283,7 +283,7 @@ def test_nothing_to_train_is_told(store: Path, tmp_path: Path) -> None:
         train(tiny(first=nothing, second=nothing), store, tmp_path)
 
 
-def test_without_a_memory_there_is_no_second_phase(store: Path, tmp_path: Path) -> None:
+def test_without_a_memory_or_a_start_there_is_no_second_phase(store: Path, tmp_path: Path) -> None:
     base = tiny(precision="bf16")
     memory_free = base.model_copy(update={"model": base.model.model_copy(update={"memory": None})})
 
@@ -373,6 +373,20 @@ def test_the_second_phase_can_start_from_a_checkpoint(
     assert not (tmp_path / "out" / "checkpoint-first.safetensors").exists()
     along, after = (weights(out / "checkpoint.safetensors") for out in (whole, tmp_path / "out"))
     assert along == after
+
+
+def test_without_a_memory_a_start_is_trained_on(store: Path, whole: Path, tmp_path: Path) -> None:
+    """The memory-free twin has as many updates as the model with memory."""
+    base = tiny(start=str(whole / "checkpoint-first.safetensors"))
+    twin = base.model_copy(update={"model": base.model.model_copy(update={"memory": None})})
+
+    train(twin, store, tmp_path)
+
+    last = read_header(tmp_path / "checkpoint.safetensors").provenance
+    assert (last.phase, last.step) == ("second", base.train.second.steps)
+    before, after = weights(Path(base.train.start)), weights(tmp_path / "checkpoint.safetensors")
+    assert before.keys() == after.keys()
+    assert all(before[name] != after[name] for name in before if name.startswith("coarse.decoder"))
 
 
 def test_a_start_of_another_model_is_refused(store: Path, whole: Path, tmp_path: Path) -> None:
