@@ -30,15 +30,15 @@ class Views(_Config):
     size: Annotated[int, Field(gt=0, le=512)] = 64  # pixels a side
     stages: Literal[1, 2] = 2  # 2: a second, zoomed look around the coarse target
     zoom: Size = 4.0  # of the second look: a crop of 1 m / zoom
-    points: Positive = 16384  # the most that are kept of one cloud
-    voxel: Annotated[float, Field(ge=0.0)] = 0.008  # m; one point of a voxel is kept; 0 keeps all
+    points: Positive = 32768  # the most that are kept of one cloud
+    voxel: Annotated[float, Field(ge=0.0)] = 0.005  # m; one point of a voxel is kept; 0 keeps all
 
 
 class ConvFilm(_Config):
     """A convolutional pyramid that is told the instruction at every level (small presets)."""
 
     kind: Literal["conv_film"] = "conv_film"
-    widths: tuple[Positive, ...] = (24, 48, 96)  # channels at strides 2, 4, 8, …
+    widths: tuple[Positive, ...] = (32, 64, 128)  # channels at strides 2, 4, 8, …
     channels: Positive = 128  # of the features that memory is read into
     depth: Layers = 2  # layers of attention across the views
     heads: Positive = 4

@@ -135,7 +135,7 @@ class PyramidDecoder(nn.Module):
     def forward(self, features: Float[Tensor, "f v d h w"], skips: tuple[Tensor, ...]) -> Decoded:
         x = features.flatten(0, 1)
         for across, after, skip in zip(self.across, self.after, reversed(skips), strict=True):
-            x = after(across(_doubled(x)) + skip)
+            x = after(_doubled(across(x)) + skip)  # a 1x1 convolution need not see cells twice
         logits = nn.functional.interpolate(
             self.out(x), size=(self.size, self.size), mode="bilinear", align_corners=False
         )
