@@ -80,9 +80,8 @@ def halved(tensors: Mapping[str, Tensor]) -> dict[str, Tensor]:
         found[name] = tensor.half() if tensor.dtype == torch.float32 else tensor
         if found[name].is_floating_point() and not bool(torch.isfinite(found[name]).all()):
             most = float(tensor.abs().max())
-            raise ValueError(
-                f"tensor {name!r} holds {most:g}; float16 ends at {torch.finfo(torch.float16).max:g}"
-            )
+            end = torch.finfo(torch.float16).max
+            raise ValueError(f"tensor {name!r} holds {most:g}; float16 ends at {end:g}")
     return found
 
 
