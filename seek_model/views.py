@@ -20,6 +20,7 @@ from torch.nn import functional
 CHANNELS = 10  # x y z, r g b, depth, and where the pixel is: view, row, column
 SPLAT = 0.012  # radius of a point, in the cube (RVT-2); never less than one pixel
 LEVELS = 1000  # steps of depth a unit of the cube that are told apart (RVT-2), 0.5 mm each
+CHUNK = 300_000  # points that are drawn at a time: what is calculated of them fits a cache
 EMPTY = torch.iinfo(torch.int64).max
 
 
@@ -91,17 +92,28 @@ class VirtualCameras:
         self, points: Float[Tensor, "p 3"], owner: Int[Tensor, " p"], frames: int
     ) -> Int[Tensor, "f v s s"]:
         """Per pixel the least of level * p + number of a point: the nearest, then the first."""
+        nearest = torch.full(
+            (frames * self.count * self.size**2,), EMPTY, dtype=torch.int64, device=points.device
+        )
+        for first in range(0, len(points), CHUNK):
+            part = slice(first, first + CHUNK)
+            pixel, depth, number = self._placed(points[part], owner[part])
+            keys = (depth * LEVELS).long() * len(points) + (number + first)
+            nearest.scatter_reduce_(0, pixel.flatten(), keys.flatten(), "amin")
+        return nearest.view(frames, self.count, self.size, self.size)
+
+    def _placed(
+        self, points: Float[Tensor, "p 3"], owner: Int[Tensor, " p"]
+    ) -> tuple[Int[Tensor, "v n"], Float[Tensor, "v n"], Int[Tensor, " n"]]:
+        """Where the points that are in the cube are drawn, how deep, and which they are."""
         number = (points.abs() <= 1).all(dim=1).nonzero()[:, 0]
         inside = points[number]
         pixels = self.project(inside).long().clamp_(max=self.size - 1)
         column, row = rearrange(pixels, "n v two -> two v n")
         depth = _along(inside, [look.forward for look in self.looks]) + 1
-        keys = (depth * LEVELS).long() * len(points) + number  # v n
         view = torch.arange(self.count, device=points.device)[:, None]
         pixel = ((owner[number] * self.count + view) * self.size + row) * self.size + column
-        nearest = keys.new_full((frames * self.count * self.size**2,), EMPTY)
-        nearest.scatter_reduce_(0, pixel.flatten(), keys.flatten(), "amin")
-        return nearest.view(frames, self.count, self.size, self.size)
+        return pixel, depth, number
 
     def _splatted(self, nearest: Int[Tensor, "f v s s"]) -> Int[Tensor, "f v s s"]:
         """A pixel shows the nearest of the points within a splat's radius of it."""

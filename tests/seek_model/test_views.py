@@ -7,6 +7,7 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from seek_model import views
 from seek_model.views import EMPTY, LOOKS, VirtualCameras, unzoomed, zoomed
 
 INSIDE = st.floats(-0.999, 0.999)
@@ -61,9 +62,11 @@ def drawn_by_hand(cameras, points, colors, owner, frames):
     return images
 
 
+@pytest.mark.parametrize("chunk", [7, 10**6])
 @pytest.mark.parametrize(("count", "size"), [(3, 8), (5, 13)])
-def test_the_renderer_agrees_with_drawing_by_hand(count, size):
+def test_the_renderer_agrees_with_drawing_by_hand(count, size, chunk, monkeypatch):
     torch.manual_seed(size)
+    monkeypatch.setattr(views, "CHUNK", chunk)
     points = torch.rand(100, 3) * 2.4 - 1.2
     points[50:60] = points[40:50]  # ties
     points[0], points[1] = torch.tensor([1.0, -1.0, 1.0]), torch.tensor([-1.0, 1.0, -1.0])
