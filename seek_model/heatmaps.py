@@ -15,6 +15,7 @@ from seek_model.views import VirtualCameras
 
 SIGMA = 1.5  # pixels (RVT)
 TRUNCATED = 3.0  # sigma from the middle to where a target ends (RVT)
+BESIDE = (-1, 0, 1)  # voxels along an axis
 CHUNK = 1_000_000  # voxels whose scores are held at a time: 4 MB, which a cache can hold
 
 
@@ -67,12 +68,12 @@ def peak(logits: Float[Tensor, "f v s s"], cameras: VirtualCameras) -> Float[Ten
                   for plane in _folded(logits, cameras))  # fmt: skip
     x, y, z = (voxel + 1).unbind(dim=-1)
     frame = torch.arange(len(voxel), device=voxel.device)
-    along = [
-        lambda d: zx[frame, z, x + d] + yx[frame, y, x + d],
-        lambda d: zy[frame, z, y + d] + yx[frame, y + d, x],
-        lambda d: zy[frame, z + d, y] + zx[frame, z + d, x],
+    lines = [
+        [zx[frame, z, x + step] + yx[frame, y, x + step] for step in BESIDE],
+        [zy[frame, z, y + step] + yx[frame, y + step, x] for step in BESIDE],
+        [zy[frame, z + step, y] + zx[frame, z + step, x] for step in BESIDE],
     ]
-    beside = torch.stack([_top(line(-1), line(0), line(1)) for line in along], dim=-1)
+    beside = torch.stack([_top(*line) for line in lines], dim=-1)
     return (voxel + 0.5 + beside) * (2 / cameras.size) - 1
 
 

@@ -14,7 +14,7 @@ from seek_model.checkpoint_header import BadCheckpoint
 from seek_model.clouds import cloud_of, from_cube, to_cube
 from seek_model.coarse import Pending, Recalled
 from seek_model.config import Config
-from seek_model.frames import Frames
+from seek_model.frames import Frames, Targets
 from seek_model.memory import Archive
 from seek_model.network import Network, Predictions
 from seek_model.views import LOOKS
@@ -50,12 +50,16 @@ class SeekPolicy:
         """The next keyframe."""
         self._settle(observation.gripper_pose)
         frames = frames_of(observation, self._decision, self.config).to(self.device)
-        predictions, self._pending = self.network.play(frames, self._archives)
+        predictions, self._pending = self.network.play(frames, self._archives, self.told())
         action = keyframe(predictions)
         self._asked = observation.gripper_pose, action.pose
         self._decision += 1
         self._belief = self._believed(predictions)
         return action
+
+    def told(self) -> Targets | None:
+        """What somebody tells it of the stages that are done and of the evidence: nothing."""
+        return None
 
     def belief(self) -> Belief | None:
         """What it held to be true when it chose its last action; None without a memory."""

@@ -23,6 +23,7 @@ from seek_model.sampling import Batch, Cut, assembled
 from seek_model.store import Store
 
 NEAR = 2.0  # cm that count as a hit
+TURNED = 10.0  # degrees within which a rotation is right; its bins are of 5
 DIGITS = 4
 
 Arrays = dict[str, NDArray[np.float64]]
@@ -69,10 +70,12 @@ def validate(
 
     Returns:
         `tasks`, by name, and `overall`, each with `frames` (their number), `position_cm` (the
-        median), `position_near` (share under 2 cm), `rotation_degrees` (the median, between bins),
-        `opening`, `collisions` (shares that are right), `boundary_precision`, `boundary_recall`,
-        `stop` (share that is right), and with the network's own counts `own_count` (share of
-        frames at which they are right) and `own_near`. None where there is nothing to count.
+        median), `position_near` (share under 2 cm), `coarse_near` (of the coarse branch alone),
+        `rotation_degrees` (the median, between bins), `opening`, `collisions` (shares that are
+        right), `keyframe` (share under 2 cm and 10 degrees whose opening is right),
+        `boundary_precision`, `boundary_recall`, `stop` (share that is right), and with the
+        network's own counts `own_count` (share of frames at which they are right), `own_near`
+        and `own_keyframe`. None where there is nothing to count.
     """
     training = network.training
     network.eval()
@@ -91,7 +94,7 @@ def _measured(network: Network, frames: Frames, targets: Targets, precision: Pre
     found = _compared(_followed(network, frames, targets, targets, precision), network)
     if network.coarse.memory is not None and network.coarse.memory.boundary is not None:
         own = _compared(_followed(network, frames, targets, None, precision), network)
-        found |= {"own_count": own["count"], "own_error": own["error"]}
+        found |= {f"own_{name}": own[name] for name in ("count", "error", "keyframe")}
     found.pop("count", None)
     return found
 
@@ -131,13 +134,14 @@ def _compared(said: Said, network: Network) -> Arrays:
 def differences(predictions: Predictions, true: Targets, counts: bool) -> Arrays:
     """How frames differ from the truth of the same rows, by the names of a summary's parts.
 
-    `error` is in cm; `count` tells where the count of stages is right, if `counts`.
+    Errors are in cm; `count` tells where the count of stages is right, if `counts`.
     """
     said, coarse, place = predictions.said, predictions.coarse, predictions.position
     assert said is not None
     assert place is not None
-    away = (place - true.position).norm(dim=-1) * (100 / SCALE)
-    found = {"error": away, "count": (coarse.done == true.stage) if counts else None}
+    found = {"count": (coarse.done == true.stage) if counts else None}
+    for name, where in (("error", place), ("coarse_error", coarse.target)):
+        found[name] = (where - true.position).norm(dim=-1) * (100 / SCALE)
     found["opening"] = said.opening.argmax(dim=-1) == true.opening
     found["collisions"] = said.ignore_collisions.argmax(dim=-1) == true.ignore_collisions
     if coarse.boundary is not None:
@@ -148,6 +152,8 @@ def differences(predictions: Predictions, true: Targets, counts: bool) -> Arrays
     arrays = {name: _array(value) for name, value in found.items() if value is not None}
     bins = [_array(one).astype(np.int64) for one in (said.rotation.argmax(dim=-1), true.rotation)]
     arrays["rotation"] = rotations.angle_between(*map(rotations.decode, bins))
+    near, right = arrays["error"] < NEAR, arrays["opening"] > 0
+    arrays["keyframe"] = (near & (arrays["rotation"] < TURNED) & right).astype(np.float64)
     return arrays
 
 
@@ -176,11 +182,15 @@ def summary(found: Arrays) -> dict[str, float | int | None]:
         values = found.get(name, np.zeros(0))
         return round(float((values < NEAR).mean()), DIGITS) if len(values) else None
 
-    shares = ("opening", "collisions", "boundary_precision", "boundary_recall", "stop", "own_count")
+    shares = (
+        "opening", "collisions", "keyframe", "boundary_precision", "boundary_recall", "stop",
+        "own_count", "own_keyframe",
+    )  # fmt: skip
     return {
         "frames": len(found.get("error", ())),
         "position_cm": median("error"),
         "position_near": near("error"),
+        "coarse_near": near("coarse_error"),
         "rotation_degrees": median("rotation"),
         **{name: mean(name) for name in shares},
         "own_near": near("own_error"),

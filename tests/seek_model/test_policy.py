@@ -158,9 +158,9 @@ def test_the_clock_of_a_policy_counts_its_decisions(
     made, told = loaded(tmp_path, "seek-small+clock"), []
     play = made.network.play
 
-    def watched(frames: Frames, archives: list[Archive]) -> object:
+    def watched(frames: Frames, archives: list[Archive], true: None) -> object:
         told.append(frames.decision.tolist())
-        return play(frames, archives)
+        return play(frames, archives, true)
 
     monkeypatch.setattr(made.network, "play", watched)
     for _ in range(2):

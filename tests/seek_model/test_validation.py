@@ -86,7 +86,7 @@ def test_who_is_right_is_right_in_everything() -> None:
     assert found["frames"] == 2
     assert found["position_cm"] == 0.0
     assert found["rotation_degrees"] == pytest.approx(0.0, abs=1e-3)
-    for share in ("position_near", "opening", "collisions", "stop"):
+    for share in ("position_near", "coarse_near", "opening", "collisions", "keyframe", "stop"):
         assert found[share] == 1.0
     assert found["boundary_precision"] == found["boundary_recall"] == 1.0
 
@@ -98,7 +98,19 @@ def test_distances_are_in_centimetres_of_the_world(off: float, near: float) -> N
     found = summary(differences(said_of(true, off), true, counts=True))
 
     assert found["position_cm"] == pytest.approx(100 * off, abs=1e-3)
-    assert found["position_near"] == near
+    assert found["position_near"] == found["keyframe"] == near
+    assert found["coarse_near"] == 1.0
+
+
+@pytest.mark.parametrize("wrong", ["rotation", "opening"])
+def test_a_keyframe_is_right_as_a_whole_or_not_at_all(wrong: str) -> None:
+    true = two_frames()
+    off = {"rotation": (true.rotation + 3) % BINS, "opening": 1 - true.opening}[wrong]
+
+    found = summary(differences(said_of(replace(true, **{wrong: off})), true, counts=True))
+
+    assert found["keyframe"] == 0.0
+    assert found["position_near"] == 1.0
 
 
 def test_a_bin_is_five_degrees() -> None:
