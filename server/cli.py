@@ -240,7 +240,7 @@ def train(
         Path | None,
         Option(
             metavar="FILE",
-            help="Leave the first phase out; go on from this checkpoint of a policy without memory.",
+            help="Leave the first phase out; go on from this policy without memory.",
         ),
     ] = None,
     resume: Annotated[
