@@ -135,7 +135,7 @@ def times(study: Study, out: Path, found: Results) -> dict[str, Any]:
         if seconds:
             of_kind[kind] = fmean(seconds)
     rounded = {kind: round(seconds, 1) for kind, seconds in sorted(of_kind.items())}
-    return {study.name: {"processors": os.cpu_count(), "seconds": rounded}}
+    return {"processors": os.cpu_count(), "seconds": rounded}
 
 
 def expected_seconds(study: Study) -> dict[str, float]:
@@ -164,20 +164,26 @@ def _write_numbers(study: Study, out: Path, folder: Path, found: Results) -> Non
     for run in study.runs:
         if rows := results_curves.kept(out / "runs" / run.name):
             (curves / f"{run.name}.jsonl").write_text(results_curves.text(rows))
+    _write_times(study, out, folder, found)
+
+
+def _write_times(study: Study, out: Path, folder: Path, found: Results) -> None:
+    """Beside what is there of other studies; kinds that were not measured this time stay."""
     known = _json(folder / TIMES) or {}
-    (folder / TIMES).write_text(text(known | times(study, out, found)))
+    before = known.get(study.name, {}).get("seconds", {})
+    now = times(study, out, found)
+    now["seconds"] = before | now["seconds"]
+    (folder / TIMES).write_text(text(known | {study.name: now}))
 
 
 def publish(study: Study, out: Path, **where: Path | None) -> None:
-    """The same into this repository.
-
-    Raises:
-        ValueError: the study is not the full one.
-    """
-    if study is not FULL:
-        raise ValueError(f"the study '{study.name}' says nothing about memory; full is published")
-    _write_numbers(study, out, STUDY, collected(study, out, **where))
-    render(ROOT)
+    """The same into this repository; of a study that is not the full one, how long it took."""
+    found = collected(study, out, **where)
+    if study is FULL:
+        _write_numbers(study, out, STUDY, found)
+        render(ROOT)
+    else:
+        _write_times(study, out, STUDY, found)
 
 
 def render(root: Path) -> None:

@@ -71,6 +71,8 @@ def run(arguments: argparse.Namespace) -> None:
     """
     study = TINY if arguments.tiny else FULL
     chain = Reproduction(study, arguments)
+    if not arguments.plan:
+        chain.hold()
     steps = chain.steps()
     for line in plan(steps, make_results.expected_seconds(study), chain.out):
         print(line, flush=True)

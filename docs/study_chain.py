@@ -46,6 +46,13 @@ class Reproduction:
         chosen = options.only.split(",") if options.only else [run.name for run in study.runs]
         self.runs = [study.run(name) for name in chosen]
         self.references = () if options.only else REFERENCES
+
+    def hold(self) -> None:
+        """Keeps others from working in its folder, and waits for what was left behind there.
+
+        Raises:
+            Failed: somebody works there.
+        """
         self.folder = Folder(self.out)
 
     # --- what is there ---

@@ -205,9 +205,17 @@ def test_without_any_run_the_page_is_empty_and_says_so(tmp_path: Path) -> None:
     assert row(page, "SEEK |")[1:] == ["–"] * 5
 
 
-def test_only_the_full_study_is_published(out: Path) -> None:
-    with pytest.raises(ValueError, match="'small' says nothing about memory"):
-        make_results.publish(SMALL, out)
+def test_of_another_study_only_its_times_are_published(
+    out: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(make_results, "STUDY", tmp_path)
+    (tmp_path / "times.json").write_text('{"full": {"processors": 2, "seconds": {"first": 9.0}}}')
+
+    make_results.publish(SMALL, out)
+
+    assert [path.name for path in tmp_path.iterdir()] == ["times.json"]
+    assert make_results.expected_seconds(FULL) == {"first": 9.0}
+    assert make_results.expected_seconds(SMALL) == {"first": 1800.0, "second": 1800.0}
 
 
 def test_a_score_stands_beside_the_expected_one(results: dict[str, Any]) -> None:
