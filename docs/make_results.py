@@ -126,7 +126,7 @@ def spent(out: Path) -> dict[str, dict[str, float]]:
     return _json(out / TIMES) or {}
 
 
-def times(study: Study, out: Path, found: Results) -> dict[str, Any]:
+def times(out: Path, found: Results) -> dict[str, Any]:
     """Seconds of one step of each kind, measured; trainings know their own, over all restarts."""
     of_kind = {kind: fmean(by_name.values()) for kind, by_name in spent(out).items()}
     trained = {"second": list(found["runs"].values()), "first": [found["first"]]}
@@ -171,7 +171,7 @@ def _write_times(study: Study, out: Path, folder: Path, found: Results) -> None:
     """Beside what is there of other studies; kinds that were not measured this time stay."""
     known = _json(folder / TIMES) or {}
     before = known.get(study.name, {}).get("seconds", {})
-    now = times(study, out, found)
+    now = times(out, found)
     now["seconds"] = before | now["seconds"]
     (folder / TIMES).write_text(text(known | {study.name: now}))
 

@@ -55,19 +55,21 @@ def ceilings(results: Figures, verdict: str) -> dict[str, float | None]:
     return found
 
 
-def counted(documents: Documents, name: str, verdict: str) -> tuple[int, int]:
-    """Successes and episodes of one run or reference policy."""
+def counted(documents: Documents, name: str, verdict: str, group: str) -> tuple[int, int]:
+    """Successes and episodes of one run or reference policy, in a category or overall."""
     results = documents.results
     record = results["runs"].get(name) or results["references"].get(name)
     if not record:
         return 0, 0
-    all_ = "".join(record["outcomes"][verdict].values())
-    return all_.count("1"), len(all_)
+    of_tasks = record["outcomes"][verdict].items()
+    categories = {task: ("overall", one["category"]) for task, one in results["tasks"].items()}
+    outcomes = "".join(each for task, each in of_tasks if group in categories[task])
+    return outcomes.count("1"), len(outcomes)
 
 
-def single(documents: Documents, name: str, verdict: str) -> str:
+def single(documents: Documents, name: str, verdict: str, group: str) -> str:
     """One run's rate with Wilson's interval."""
-    good, count = counted(documents, name, verdict)
+    good, count = counted(documents, name, verdict, group)
     return f"{percent(good / count)} {interval(wilson(good, count))}" if count else NONE
 
 

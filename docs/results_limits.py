@@ -1,7 +1,7 @@
 """The sections of the results page about what limits a policy."""
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 from docs.results_computed import SEEK, TWIN
 from docs.results_documents import Documents
@@ -91,13 +91,25 @@ def failures(documents: Documents) -> str:
     rows = []
     for task in documents.results["tasks"]:
         rows.append([task, *(_most(documents, policy, task) for policy in (SEEK, TWIN))])
+    tasks = documents.results["tasks"]
+    ours, twin = (_failed(documents, policy, tasks) for policy in (SEEK, TWIN))
+    kinds = [[name, ours[name], twin[name]] for name, _ in (ours + twin).most_common()]
     head = ["why an episode is not exact", "SEEK", "twin"]
-    return f"The most frequent, of all seeds together.\n\n{markdown(head, rows)}"
+    return "Episodes of all seeds together; by task the most frequent.\n\n" + "\n".join(
+        markdown(head, found or [[NONE] * 3]) for found in (kinds, rows)
+    )
 
 
-def _most(documents: Documents, policy: str, task: str) -> str:
+def _failed(documents: Documents, policy: str, tasks: Iterable[str]) -> Counter[str]:
+    """How many episodes of some tasks failed in which way, over a policy's seeds."""
     total: Counter[str] = Counter()
     for name, record in documents.results["runs"].items():
         if name.rpartition("-s")[0] == policy:
-            total.update(record["failures"].get(task, {}))
-    return ", ".join(f"{name} {count}" for name, count in total.most_common(MOST_FAILURES)) or NONE
+            for task in tasks:
+                total.update(record["failures"].get(task, {}))
+    return total
+
+
+def _most(documents: Documents, policy: str, task: str) -> str:
+    found = _failed(documents, policy, [task]).most_common(MOST_FAILURES)
+    return ", ".join(f"{name} {count}" for name, count in found) or NONE

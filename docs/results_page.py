@@ -42,12 +42,13 @@ def table(documents: Documents) -> str:
     cells = [percent(best[group]) for group in GROUPS]
     rows.append(["the most without memory (computed)", *cells, percent(best_exact["overall"])])
     for method in ("SEEK", "SAM2Act"):
-        there = paper(method)
-        printed = [there.overall, *(there.categories[kind] for kind in GROUPS[1:])]
-        rows.append(
-            [f"*the paper's {method}, {SIMULATOR}*", *(f"*{n:.1f}*" for n in printed), NONE]
-        )
+        rows.append([f"*the paper's {method}, {SIMULATOR}*", *_printed(paper(method)), NONE])
     return markdown(head, rows)
+
+
+def _printed(one: PublishedRow) -> list[str]:
+    """Overall and the categories."""
+    return [f"*{n:.1f}*" for n in (one.overall, *(one.categories[kind] for kind in GROUPS[1:]))]
 
 
 def _line(documents: Documents, policy: str) -> list[str]:
@@ -70,7 +71,8 @@ def page(documents: Documents, study: Study, beside: str = "") -> str:
         "# Results",
         _introduction(documents, study, beside),
         _missing(documents, study),
-        "## SEEK and its memory-free twin\n\n" + table(documents) + "\n" + _intervals(),
+        "## SEEK and its memory-free twin\n\n" + table(documents),
+        _exact(documents) + "\n" + _intervals(),
         "### By task\n\n" + _tasks(documents),
         "### By seed\n\n" + _seeds(documents, study),
         "## Ablations\n\n" + results_memory.ablations(documents),
@@ -116,6 +118,19 @@ def _missing(documents: Documents, study: Study) -> str:
     )
 
 
+def _exact(documents: Documents) -> str:
+    """The table's other verdict."""
+    against = documents.results["exact"]["against_twin"] or {}
+    best = ceilings(documents.results, "exact")
+    rows = [
+        [NAMES[policy], *(rate(documents.rates(policy, "exact").get(g)) for g in GROUPS)]
+        for policy in (SEEK, TWIN)
+    ]
+    rows.append(["difference, points", *(difference(against.get(group)) for group in GROUPS)])
+    rows.append(["the most without memory", *(percent(best[group]) for group in GROUPS)])
+    return markdown(["exact, %", "overall", "RC", "HSR", "EPT"], rows)
+
+
 def _intervals() -> str:
     return (
         "In brackets: 95 %. Overall: other seeds and other episodes of these tasks, drawn again "
@@ -150,31 +165,28 @@ def _tasks(documents: Documents) -> str:
 
 
 def _seeds(documents: Documents, study: Study) -> str:
-    rows = []
-    runs = [run for run in study.measured if run.policy in (SEEK, TWIN)]
-    for name in (*(run.name for run in runs), *documents.results["references"]):
-        row = [single(documents, name, verdict) for verdict in ("success", "exact")]
-        rows.append([name, *row, counted(documents, name, "success")[1] or NONE])
-    found = markdown(["run", "success, %", "exact, %", "n"], rows)
+    names = [run.name for run in study.measured if run.policy in (SEEK, TWIN)]
+    names += documents.results["references"]
+    parts = []
+    for verdict in ("success", "exact"):
+        rows = []
+        for name in names:
+            count = counted(documents, name, verdict, "overall")[1] or NONE
+            rows.append([name, *(single(documents, name, verdict, g) for g in GROUPS), count])
+        parts.append(markdown([f"{verdict}, %", "overall", "RC", "HSR", "EPT", "n"], rows))
+    parts.append("The same episodes, success, seed by seed:\n")
     tested = []
     for one in documents.results["success"]["seed_by_seed"]:
         t = one["table"]
         split = f"{t['both']} / {t['only_a']} / {t['only_b']} / {t['neither']}"
         row = [f"{one['a']} − {one['b']}", split, difference(one), chance(one["p"])]
         tested.append([*row, interval(one["over_episodes"]), interval(one["over_tasks"])])
-    head = ["success", "both / first / second / neither", "points", "McNemar's p",
+    head = ["runs", "both / first / second / neither", "points", "McNemar's p",
             "other episodes", "other tasks"]  # fmt: skip
-    return found + "\nThe same episodes, seed by seed:\n\n" + markdown(head, tested)
+    return "\n".join([*parts, markdown(head, tested or [[NONE] * len(head)])])
 
 
 def _paper() -> str:
-    rows = [
-        [
-            f"*{one.method}*",
-            f"*{one.overall:.1f}*",
-            *(f"*{one.categories[k]:.1f}*" for k in GROUPS[1:]),
-        ]
-        for one in published().rows
-    ]
+    rows = [[f"*{one.method}*", *_printed(one)] for one in published().rows]
     head = ["success, %, as printed", "overall", "RC", "HSR", "EPT"]
     return f"From {ELSEWHERE}.\n\n{markdown(head, rows)}"

@@ -179,8 +179,20 @@ def test_tasks_stand_with_their_ceilings(page: str, results: dict[str, Any]) -> 
 
 def test_a_study_of_few_episodes_says_how_many(out: Path, page: str) -> None:
     assert "| success, % of 12 test episodes |" in (out / "tables" / "table.md").read_text()
-    assert "says" not in row(page, "seek-s0")[3]
-    assert row(page, "seek-s0")[3] == "12"
+    assert row(page, "seek-s0")[5] == "12"
+
+
+def test_failures_are_counted_over_seeds_by_kind_and_by_task(
+    page: str, results: dict[str, Any]
+) -> None:
+    total: dict[str, int] = {}
+    for seed in range(3):
+        for counted in results["runs"][f"twin-s{seed}"]["failures"].values():
+            for name, count in counted.items():
+                total[name] = total.get(name, 0) + count
+
+    for name, count in total.items():
+        assert row(page, f"{name} |")[2] == str(count)
 
 
 def test_other_measurements_are_shown_where_they_are_there(out: Path, page: str) -> None:
