@@ -17,6 +17,7 @@ from docs.results_words import percent
 from seek_model.checkpoint_header import BadCheckpoint, read_header
 from seek_model.study import SPLIT, Run, Study, is_of, recipe
 from server.client import Client, Happening
+from server.schemas.evaluations import Progress
 from server.states import EvaluationState
 
 CHECKPOINT, CHECKPOINT_FIRST = "checkpoint.safetensors", "checkpoint-first.safetensors"
@@ -211,7 +212,7 @@ class Reproduction:
         asked = self.client.evaluate(policy, key=f"study/{name}/{policy}", **wanted)
         if asked.state == EvaluationState.INCOMPLETE:
             self.client.resume(asked.id)
-        done = self.client.wait(asked.id, _told(name))
+        done = self.client.wait(asked.id, telling(name))
         if done.state != EvaluationState.COMPLETED:
             raise Failed(f"The evaluation of {name} is {done.state}: {done.reason}")
         rate = done.verdicts.success
@@ -227,7 +228,7 @@ class Reproduction:
                 self.client.save(f"/api/v1/{name}/export", file, format=form)
 
 
-def _told(name: str) -> Callable[[Happening], None]:
+def telling(name: str) -> Callable[[Happening], None]:
     """Says now and then how far an evaluation is."""
     last = time.monotonic()
 
@@ -235,7 +236,8 @@ def _told(name: str) -> Callable[[Happening], None]:
         nonlocal last
         if one.kind == "progress" and time.monotonic() - last > EVERY:
             last = time.monotonic()
-            say(f"{name}: {one.data['final']} of {one.data['expected']} episodes")
+            stands = Progress.model_validate(one.data["progress"])
+            say(f"{name}: {stands.final} of {stands.expected} episodes")
 
     return tell
 

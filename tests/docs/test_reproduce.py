@@ -9,13 +9,16 @@ from pathlib import Path
 
 import pytest
 
-from docs import make_results
+from docs import make_results, study_chain
 from docs.own_processes import Failed
 from docs.reproduce import main, plan
 from docs.study_chain import Reproduction, Step
 from seek_model.study import FULL, TINY
+from server import evaluations
+from server.client import Happening
 from tests.docs import studies
 from tests.processes import wait_for
+from tests.server import ledgers
 
 ROOT = Path(__file__).parents[2]
 Started = subprocess.Popen[bytes]
@@ -138,6 +141,22 @@ def test_the_expected_time_is_what_was_measured() -> None:
     assert lines[1] == "   3 × second (seek-s0, seek-s1, seek-s2): 1:30:00 expected"
     assert lines[-1] == "  together 1:30:00 expected"
     assert plan(steps, {}, Path("build"))[-1] == "  together 0:00:00 expected and what is unknown"
+
+
+def test_of_an_evaluation_it_says_now_and_then_how_far_it_is(
+    capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """Of what the server tells its followers."""
+    database = ledgers.opened(tmp_path, "sqlite")
+    with database.writing() as session:
+        id = ledgers.created(session, "expert", tasks=["search_drawer"], episodes=2).id
+    with database.reading() as session:
+        told = evaluations.get(session, id).model_dump(mode="json", include={"progress"})
+    monkeypatch.setattr(study_chain, "EVERY", 0.0)
+
+    study_chain.telling("seek-s0")(Happening("progress", None, told))
+
+    assert "seek-s0: 0 of 2 episodes" in capfd.readouterr().out
 
 
 # --- the whole chain ---
