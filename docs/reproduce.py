@@ -18,7 +18,8 @@ from pathlib import Path
 from docs import make_results
 from docs.own_processes import Failed
 from docs.results_words import duration
-from docs.study_chain import Reproduction, Step, say
+from docs.study_chain import Reproduction, Step
+from docs.study_player import say
 from seek_model.study import FULL, TINY
 from server.client import ServerProblem
 

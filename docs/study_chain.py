@@ -6,26 +6,19 @@ import os
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from hashlib import sha256
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
 from docs import make_results, results_measured
 from docs.own_processes import ROOT, Failed, Folder, server
 from docs.results_measured import REFERENCES
-from docs.results_words import percent
+from docs.study_player import Player, digest, say
 from seek_model.checkpoint_header import BadCheckpoint, read_header
-from seek_model.study import SPLIT, Run, Study, is_of, recipe
-from server.client import Client, Happening
-from server.schemas.evaluations import Progress
-from server.states import EvaluationState
+from seek_model.study import Run, Study, is_of, recipe
+from server.client import Client
 
 CHECKPOINT, CHECKPOINT_FIRST = "checkpoint.safetensors", "checkpoint-first.safetensors"
-EVERY = 60.0  # s between two lines about an evaluation
-EXPORTS = {  # what stands beside the tables
-    "leaderboard": ("csv", "json", "latex"),
-    "ablations": ("csv", "json", "latex"),
-}
 
 
 class Step(NamedTuple):
@@ -100,7 +93,7 @@ class Reproduction:
                 )
         steps = list(self._demonstrations()) if training else []
         steps += [
-            Step("second" if run.start else "first", run.name, self._training(run))
+            Step("second" if run.start else "first", run.name, partial(self._train, run))
             for run in training
         ]
         return steps if self.options.train_only else steps + self._evaluations()
@@ -111,21 +104,18 @@ class Reproduction:
             count = ("--episodes", episodes) if episodes else ()
             arguments = ("demos", "--out", self.demos, "--split", split, *count, *tasks)
 
-            def record(arguments: tuple[str | Path | int, ...] = arguments) -> None:
-                self.folder.hide(*arguments)
+            yield Step(f"demonstrations of {split}", split, partial(self._hide, *arguments))
 
-            yield Step(f"demonstrations of {split}", split, record)
+    def _hide(self, *arguments: str | Path | int) -> None:
+        self.folder.hide(*arguments)
 
-    def _training(self, run: Run) -> Callable[[], None]:
-        def train() -> None:
-            arguments: list[str | Path | int] = ["--data", self.demos, "--seed", run.seed]
-            arguments += ["--out", self.out / "runs" / run.name]
-            if run.start:
-                start = self.checkpoint(self.study.run(run.start))
-                arguments += ["--start", os.path.relpath(start, ROOT)]
-            self.folder.hide("train", self._recipe(run), *arguments)
-
-        return train
+    def _train(self, run: Run) -> None:
+        arguments: list[str | Path | int] = ["--data", self.demos, "--seed", run.seed]
+        arguments += ["--out", self.out / "runs" / run.name]
+        if run.start:
+            start = self.checkpoint(self.study.run(run.start))
+            arguments += ["--start", os.path.relpath(start, ROOT)]
+        self.folder.hide("train", self._recipe(run), *arguments)
 
     def _recipe(self, run: Run) -> str | Path:
         text = recipe(self.study, run)
@@ -138,20 +128,27 @@ class Reproduction:
 
     def _evaluations(self) -> list[Step]:
         there = results_measured.read(self.study, self.data)
-        steps = []
-        for name in self.references:
-            if name not in there:
-                steps.append(Step("reference", name, lambda name=name: self._play(name, name)))
+        steps = [
+            Step("reference", name, partial(self._play, name))
+            for name in self.references
+            if name not in there
+        ]
         for run in self.runs:
             if run.start and not self._counts(run, there):
-                steps.append(Step("evaluation", run.name, lambda run=run: self._play_run(run)))
+                steps.append(Step("evaluation", run.name, partial(self._play_run, run)))
         return steps
+
+    def _play(self, name: str) -> None:
+        self.player.play(name, name)
+
+    def _play_run(self, run: Run) -> None:
+        self.player.play_run(run, self.checkpoint(run))
 
     def _counts(self, run: Run, there: dict[str, results_measured.Record]) -> bool:
         """True if what was measured is of the weights that are there."""
         path = self.checkpoint(run)
         found = there.get(run.name)
-        return bool(found and path.exists() and found["sha256"] == _digest(path))
+        return bool(found and path.exists() and found["sha256"] == digest(path))
 
     # --- what is done ---
 
@@ -164,11 +161,12 @@ class Reproduction:
             return
         with server(self.folder, self.data, self.options.workers) as url:
             say(f"A server for this: {url} (its data: {self.data})")
-            with Client(url) as self.client:
+            with Client(url) as client:
+                self.player = Player(self.study, client, recordings=self.options.recordings)
                 for step in (one for one in steps if one.kind in ("reference", "evaluation")):
                     with self._timed(step):
                         step.do()
-                self._export()
+                self.player.export(self.out / "exports")
 
     @contextmanager
     def _timed(self, step: Step) -> Iterator[None]:
@@ -184,68 +182,3 @@ class Reproduction:
             part = path.with_suffix(".part")
             part.write_text(json.dumps(spent, indent=1) + "\n")
             part.replace(path)
-
-    def _play_run(self, run: Run) -> None:
-        path = self.checkpoint(run)
-        digest = _digest(path)
-        there = [
-            one.id
-            for one in self.client.policies()
-            if one.policy == run.policy and getattr(one.spec, "sha256", "") == digest
-        ]
-        about = f"{run.preset}, seed {run.seed}, from {run.start}"
-        id = there[0] if there else self.client.upload(path, run.policy, about).id
-        self._play(run.name, id)
-
-    def _play(self, name: str, policy: str) -> None:
-        """Evaluates a policy; an evaluation that was asked for before goes on.
-
-        Raises:
-            Failed: it did not come to its end.
-        """
-        wanted = {
-            "tasks": list(results_measured.tasks_of(self.study)),
-            "episodes": results_measured.episodes_of(self.study),
-            "split": SPLIT,
-            "recordings": self.options.recordings,
-        }
-        asked = self.client.evaluate(policy, key=f"study/{name}/{policy}", **wanted)
-        if asked.state == EvaluationState.INCOMPLETE:
-            self.client.resume(asked.id)
-        done = self.client.wait(asked.id, telling(name))
-        if done.state != EvaluationState.COMPLETED:
-            raise Failed(f"The evaluation of {name} is {done.state}: {done.reason}")
-        rate = done.verdicts.success
-        say(f"{name}: {rate.successes} of {rate.episodes} episodes, {percent(rate.value)} %")
-
-    def _export(self) -> None:
-        folder = self.out / "exports"
-        folder.mkdir(exist_ok=True)
-        for name, formats in EXPORTS.items():
-            for form in formats:
-                suffix = "tex" if form == "latex" else form
-                file = folder / f"{name}.{suffix}"
-                self.client.save(f"/api/v1/{name}/export", file, format=form)
-
-
-def telling(name: str) -> Callable[[Happening], None]:
-    """Says now and then how far an evaluation is."""
-    last = time.monotonic()
-
-    def tell(one: Happening) -> None:
-        nonlocal last
-        if one.kind == "progress" and time.monotonic() - last > EVERY:
-            last = time.monotonic()
-            stands = Progress.model_validate(one.data["progress"])
-            say(f"{name}: {stands.final} of {stands.expected} episodes")
-
-    return tell
-
-
-def _digest(path: Path) -> str:
-    return sha256(path.read_bytes()).hexdigest()
-
-
-def say(line: str) -> None:
-    """A line with the time."""
-    print(f"{time.strftime('%H:%M:%S')}  {line}", flush=True)

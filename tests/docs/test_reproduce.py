@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from docs import make_results, study_chain
+from docs import make_results, study_player
 from docs.own_processes import Failed
 from docs.reproduce import main, plan
 from docs.study_chain import Reproduction, Step
@@ -152,9 +152,9 @@ def test_of_an_evaluation_it_says_now_and_then_how_far_it_is(
         id = ledgers.created(session, "expert", tasks=["search_drawer"], episodes=2).id
     with database.reading() as session:
         told = evaluations.get(session, id).model_dump(mode="json", include={"progress"})
-    monkeypatch.setattr(study_chain, "EVERY", 0.0)
+    monkeypatch.setattr(study_player, "EVERY", 0.0)
 
-    study_chain.telling("seek-s0")(Happening("progress", None, told))
+    study_player.telling("seek-s0")(Happening("progress", None, told))
 
     assert "seek-s0: 0 of 2 episodes" in capfd.readouterr().out
 
