@@ -30,9 +30,20 @@ class Step(NamedTuple):
 
 
 class Reproduction:
-    """A study in its folder."""
+    """A study in its folder.
+
+    Args:
+        study: which one.
+        options: as `docs.reproduce` reads them.
+
+    Raises:
+        Failed: a file that they name is not there.
+        ValueError: a run that they name is none.
+    """
 
     def __init__(self, study: Study, options: argparse.Namespace):
+        if options.first and not options.first.is_file():
+            raise Failed(f"--first {options.first}: no such file; it takes a checkpoint.")
         self.study, self.options = study, options
         self.out: Path = options.out
         self.demos: Path = options.demos or self.out / "demos"

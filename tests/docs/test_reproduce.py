@@ -12,7 +12,7 @@ import pytest
 from docs import make_results, study_player
 from docs.own_processes import Failed
 from docs.reproduce import main, plan
-from docs.study_chain import Reproduction, Step
+from docs.study_chain import Step
 from seek_model.study import FULL, TINY
 from server import evaluations
 from server.client import Happening
@@ -213,13 +213,18 @@ def test_the_whole_chain_goes_on_wherever_it_is_killed(tmp_path: Path) -> None:
     assert make_results.spent(out).keys() >= {"first", "second", "evaluation", "reference"}
 
 
-@pytest.mark.parametrize("name", ["--first", "--demos"])
-def test_what_is_elsewhere_is_used(tmp_path: Path, name: str) -> None:
-    from docs.reproduce import options
+def test_first_weights_from_elsewhere_are_gone_on_from(
+    capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    elsewhere = tmp_path / "elsewhere.safetensors"
+    arguments = ("--plan", "--out", tmp_path / "study", "--first", elsewhere)
+    status, _, errors = said(capfd, monkeypatch, *arguments)
+    assert status == 1
+    assert f"--first {elsewhere}: no such file" in errors
 
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(sys, "argv", ["reproduce", "--out", str(tmp_path), name, "somewhere"])
-        chain = Reproduction(FULL, options())
+    elsewhere.write_bytes(studies.header(FULL.run("first")))
+    status, output, _ = said(capfd, monkeypatch, *arguments)
 
-    found = chain.checkpoint(FULL.run("first")) if name == "--first" else chain.demos
-    assert found == Path("somewhere").absolute()
+    assert status == 0
+    assert "first (first)" not in output
+    assert f"{len(FULL.measured)} × second" in output
