@@ -14,7 +14,7 @@ help: ## Show this list
 
 setup: .venv/.warm ## Create .venv with everything in it; does nothing when it is up to date
 
-run: setup ## Start the server on http://127.0.0.1:8000; on first start it evaluates the built-in policies
+run: setup ## Start the server on http://127.0.0.1:8000; on first start it evaluates the policies that come along
 	$(BIN)/hide serve
 
 test: check ## Set up, check, then test; LONG=1 runs the long tests too

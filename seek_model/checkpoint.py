@@ -69,10 +69,27 @@ def save(path: Path, tensors: Mapping[str, Tensor], config: Config, provenance: 
         part.chmod(mode)
 
 
+def halved(tensors: Mapping[str, Tensor]) -> dict[str, Tensor]:
+    """The same tensors with float16 for float32, which `load` widens again; others stay.
+
+    Raises:
+        ValueError: a value is none in float16; the message names its tensor.
+    """
+    found = {}
+    for name, tensor in tensors.items():
+        found[name] = tensor.half() if tensor.dtype == torch.float32 else tensor
+        if found[name].is_floating_point() and not bool(torch.isfinite(found[name]).all()):
+            most = float(tensor.abs().max())
+            end = torch.finfo(torch.float16).max
+            raise ValueError(f"tensor {name!r} holds {most:g}; float16 ends at {end:g}")
+    return found
+
+
 def load(path: Path) -> tuple[Network, Config, Header]:
     """The network of a checkpoint, in eval mode on the CPU, and what the file says of itself.
 
     No other file is needed: weights that the configuration names by path are in the checkpoint.
+    Weights in half precision are widened.
 
     Raises:
         BadCheckpoint: the first thing that is wrong, as `read_header` and `fill` tell it.
@@ -125,6 +142,8 @@ def fill(
 ) -> None:
     """Copies tensors into a network; all of them are checked before the first is copied.
 
+    Where the network has float32 a tensor may be of float16, which is widened.
+
     Args:
         network: takes them.
         tensors: by the names that `weights` gives.
@@ -148,7 +167,8 @@ def fill(
 
 
 def _check(name: str, found: Tensor, expected: Tensor) -> None:
-    if (found.shape, found.dtype) != (expected.shape, expected.dtype):
+    widened = (found.dtype, expected.dtype) == (torch.float16, torch.float32)
+    if found.shape != expected.shape or not (widened or found.dtype == expected.dtype):
         raise BadCheckpoint(f"tensor {name!r} is {_kind(found)}; expected {_kind(expected)}")
     if found.is_floating_point() and not bool(torch.isfinite(found).all()):
         bad = int((~torch.isfinite(found)).sum())

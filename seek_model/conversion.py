@@ -40,10 +40,10 @@ def converted(path: Path) -> bytes:
         raise BadCheckpoint(f"{EXPECTED}; found {_kind(held)}")
     metadata = {"format": FORMAT}
     metadata |= {name: _text(held[name], name) for name in ("config", "provenance")}
-    return _in_order(save(_tensors(held["weights"]), metadata))
+    return in_order(save(_tensors(held["weights"]), metadata))
 
 
-def _in_order(file: bytes) -> bytes:
+def in_order(file: bytes) -> bytes:
     """The same safetensors file with its header sorted: the library's order is left to chance."""
     end = 8 + int.from_bytes(file[:8], "little")
     text = json.dumps(json.loads(file[8:end]), sort_keys=True, separators=(",", ":")).encode()

@@ -218,7 +218,7 @@ def keep(
     """The next version of a policy, whose file is in its place.
 
     Raises:
-        Problem: 422, the name is a built-in policy's; 403, it is somebody else's.
+        Problem: 422, the name is the server's own; 403, it is somebody else's.
     """
     blobs.note(session, received.sha256, received.size, blobs.CHECKPOINT)
     spec = CheckpointPolicy(sha256=received.sha256, size=received.size, model=config.name)

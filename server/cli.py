@@ -113,7 +113,8 @@ def evaluate(
         str,
         Argument(
             metavar="POLICY",
-            help="expert, amnesiac, random, noop; replay:DIR, the actions of another run, or "
+            help="expert, amnesiac, random, noop; seek-small or sam2act-small, trained "
+            "checkpoints that come along; replay:DIR, the actions of another run, or "
             "replay:FILE.json, those of an episode; a checkpoint, path/to/file.safetensors; your "
             "own class, python:module:Class or "
             "python:path/to/file.py:Class; or a policy that is served, ws://host:port, "
@@ -321,7 +322,7 @@ def serve(
         bool | None,
         Option(
             "--references/--no-references",
-            help="Evaluate the built-in policies on first start; default: yes.",
+            help="Evaluate the built-in and the trained policies on first start; default: yes.",
         ),
     ] = None,
     smoke: Annotated[
@@ -371,7 +372,8 @@ def serve_policy(
         str,
         Argument(
             metavar="CHECKPOINT",
-            help="path/to/file.safetensors, or your own class as for hide eval.",
+            help="path/to/file.safetensors, seek-small or sam2act-small, or your own class as for "
+            "hide eval.",
         ),
     ],
     host: Annotated[

@@ -19,6 +19,7 @@ from server.metrics import Metrics
 from server.reconciler import Reconciler
 from server.retention import Retention, Rule
 from server.settings import EVERY_ADDRESS, Settings
+from server.trained_policies import register_trained
 from server.uploads import Uploads
 from workers.engines.engine import Engine
 from workers.engines.membership import Membership
@@ -122,12 +123,13 @@ class Hub:
         self.blobs.clear_parts()
         with self.database.writing() as session:
             policies.register_builtin(session)
+            register_trained(session, self.blobs, self.settings.trained)
             self.uploads.sweep(session)
             lifecycle.recover(session, evaluations.current_sources())
             if self.settings.auth == "users" and not users.somebody(session):
                 logger.warning("Nobody may sign in yet: hide user add NAME --role admin")
             if self.settings.references:
-                first_run.evaluate_references(session)
+                first_run.evaluate_own(session)
         self.deliverer.start()
         self.retention.start()
         if self.membership:

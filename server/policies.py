@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
+from seek_model import trained
 from server import facts, smoke
 from server.access import Principal
 from server.models import Evaluation, Policy, PolicyVersion, new_id
@@ -34,23 +35,27 @@ def register_builtin(session: Session) -> None:
             register(session, name, spec, description=ABOUT[name], reference=True)
 
 
-def require_free(name: str) -> None:
-    """Does nothing if clients may register a policy of this name.
+def reserved(session: Session) -> tuple[str, ...]:
+    """Names of the server's own policies, there or not.
 
-    Raises:
-        Problem: 422, it is a built-in policy's.
+    A trained policy's is not among them if somebody took it when there was no such policy yet.
     """
-    if name in BUILTIN:
-        raise invalid("name", f"'{name}' is a built-in policy; choose another name")
+    wanted = select(Policy.name).where(
+        Policy.name.in_(trained.POLICIES), Policy.owner_id.is_not(None)
+    )
+    taken = set(session.scalars(wanted))
+    return (*BUILTIN, *(name for name in trained.POLICIES if name not in taken))
 
 
 def require_own(session: Session, name: str, principal: Principal) -> None:
     """Does nothing if the principal may register a version of this name.
 
     Raises:
-        Problem: 403, the policy is somebody else's; 422, it is a built-in one.
+        Problem: 403, the policy is somebody else's; 422, it is the server's own.
     """
-    require_free(name)
+    if name in reserved(session):
+        kind = "a built-in policy" if name in BUILTIN else "a trained policy that comes along"
+        raise invalid("name", f"'{name}' is {kind}; choose another name, such as my-{name}")
     if policy := session.scalar(select(Policy).where(Policy.name == name)):
         principal.require_own(policy.owner_id, f"Policy '{name}'")
 
@@ -74,16 +79,14 @@ def register(
         known: what is known of its memory, beyond what its kind tells.
 
     Raises:
-        Problem: the name is a built-in policy's or somebody else's, or the replay's evaluation
-            does not exist.
+        Problem: the name is the server's or somebody else's, or the replay's evaluation does not
+            exist.
     """
-    if not reference:
-        require_free(name)
+    if principal is not None:
+        require_own(session, name, principal)
     if isinstance(spec, ReplayPolicy) and session.get(Evaluation, spec.evaluation) is None:
         raise invalid("spec.evaluation", f"no evaluation '{spec.evaluation}'")
     policy = session.scalar(select(Policy).where(Policy.name == name))
-    if policy is not None and principal is not None:
-        principal.require_own(policy.owner_id, f"Policy '{name}'")
     if policy is None:
         owner = principal.user if principal else None
         policy = Policy(id=new_id("po"), name=name, owner_id=owner)

@@ -5,6 +5,7 @@ from collections.abc import Iterator
 
 from sqlalchemy.orm import Session
 
+from seek_model import trained
 from server import episodes, evaluations, policies
 from server.schemas.episodes import EpisodeDetail, RerunPublic
 from server.schemas.evaluations import EvaluationPublic
@@ -88,7 +89,7 @@ def policy_of(version: PolicyVersionPublic, actions: str) -> Iterator[str]:
         case PythonPolicy():
             yield f"python:{spec.target}"
         case CheckpointPolicy():
-            yield f"{version.policy}.safetensors"
+            yield version.policy if _comes_along(version) else f"{version.policy}.safetensors"
         case RemotePolicy():
             yield spec.url
         case ReplayPolicy():
@@ -105,6 +106,11 @@ def needs_of(version: PolicyVersionPublic) -> Iterator[str]:
     match spec:
         case PythonPolicy():
             yield "The class must be importable where the command runs."
+        case CheckpointPolicy() if _comes_along(version):
+            yield (
+                f"{version.policy} comes with HIDE-SEEK; this is the release whose file has the "
+                f"SHA-256 {spec.sha256}."
+            )
         case CheckpointPolicy():
             yield (
                 f"{version.policy}.safetensors is the file that was uploaded, SHA-256 "
@@ -119,6 +125,10 @@ def needs_of(version: PolicyVersionPublic) -> Iterator[str]:
             f"{version.policy}.toml declares what it sees and how it acts, as in "
             "docs/remote_policies.md; GET /api/v1/policies has both."
         )
+
+
+def _comes_along(version: PolicyVersionPublic) -> bool:
+    return version.owner is None and version.policy in trained.POLICIES
 
 
 def _declares(spec: RemotePolicy) -> bool:

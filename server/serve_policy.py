@@ -115,7 +115,7 @@ def _servable(text: str, surroundings: Surroundings) -> Hosted:
     if not isinstance(policy, Hosted) or isinstance(policy, Remote):
         raise BadUsage(
             f"'{text}' is not served: it would need the simulator, or is elsewhere already. Serve "
-            "a checkpoint, path/to/file.safetensors, or a class, python:module:Class."
+            "a checkpoint, seek-small or path/to/file.safetensors, or a class, python:module:Class."
         )
     return policy
 

@@ -7,6 +7,7 @@ from urllib.parse import urlsplit
 from pydantic import AfterValidator, Field, SecretStr
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
+from seek_model.trained import FOLDER
 from workers.evaluation import count_cpus
 from workers.sandbox.choice import BEST
 
@@ -49,7 +50,9 @@ class Settings(BaseSettings):
     log_format: Literal["text", "json"] = "text"  # of what the server says on standard error
     # from which on; default: INFO as json, else WARNING
     log_level: Literal["DEBUG", "INFO", "WARNING", "ERROR"] | None = None
-    references: bool = True  # evaluate the built-in policies on first start?
+    references: bool = True  # evaluate the server's own policies on first start?
+    # Of the trained checkpoints that are its own as well; an empty one: none are
+    trained: Path = FOLDER
     smoke: bool = True  # play a new checkpoint's suite `smoke` at once?
     checkpoint_limit: Annotated[int, Field(gt=0)] = 4 * 2**30  # bytes of an uploaded one
     # Recordings that are removed to make room, never results; null: none

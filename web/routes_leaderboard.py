@@ -11,6 +11,7 @@ from server import evaluations, standings
 from server.access import Gate, Router, Scope, needs
 from server.deps import Reading
 from server.files import File
+from server.first_run import ORDER
 from server.suites import BOARDS
 from web.board import VIEWS, PageQuery, Shown, fields, tabs
 from web.templating import STATIC, page
@@ -39,7 +40,7 @@ def show_leaderboard(
         "tabs": tabs(wanted, BOARDS),
         "kept": wanted.suite != SUITE,
         "snapshot_action": f"/snapshots{fields(wanted)}",
-        "under_way": evaluations.listed(session, limit=5).items if not whole.rows else [],
+        "under_way": evaluations.listed(session, limit=len(ORDER)).items if not whole.rows else [],
     }
     return page(request, "leaderboard.html", shown)
 

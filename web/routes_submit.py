@@ -18,7 +18,6 @@ from server.schemas.evaluations import EvaluationPublic
 from server.schemas.policies import PolicyVersionPublic
 from web.templating import page
 from web.wording import WIRES
-from workers.policies import BUILTIN
 
 router = Router(include_in_schema=False)
 
@@ -64,7 +63,7 @@ def show_form(
         "source": source or ("upload" if upload or (begun and not named) else "here"),
         "unfinished": unfinished,
         "limit": hub.settings.checkpoint_limit,
-        "reserved": BUILTIN,
+        "reserved": policies.reserved(session),
         "wires": WIRES,
         "versions": versions,
         "tasks": tasks.catalogue(),

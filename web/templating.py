@@ -13,6 +13,7 @@ from fastapi.responses import HTMLResponse
 from markupsafe import Markup, escape
 
 from hide_tasks.machine import installed
+from seek_model import trained
 from web import aliases, belief_track, charts, wording
 
 HERE = Path(__file__).parent
@@ -90,6 +91,7 @@ ENVIRONMENT.globals.update(
     CHECKS=wording.CHECKS,
     FAILURES=wording.FAILURES,
     OUTCOMES=wording.OUTCOMES,
+    TRAINED=trained.POLICIES,
     verdict_of=wording.verdict,
     explaining=aliases.explaining,
     belief_summary=belief_track.summary,

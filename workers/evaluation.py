@@ -12,6 +12,7 @@ from pathlib import Path
 from hide_tasks import load, suite
 from hide_tasks.contract import EpisodeResult, EpisodeSpec, Rules, Split
 from hide_tasks.sources import sources_hash
+from seek_model.trained import FOLDER
 from workers import policies
 from workers.engines.local import LocalEngine, Lost
 from workers.policy_process import LOAD_LIMIT
@@ -42,6 +43,7 @@ class Evaluation:
     policy_timeout: float = 60.0  # s for one answer of a policy in a process of its own
     sandbox: str | None = None  # around that process; None: what the environment says, or the best
     maps: Path | None = None  # a file that declares what a remote policy sees and how it acts
+    trained: Path = FOLDER  # of the trained checkpoints that go by a name
 
     @property
     def specs(self) -> list[EpisodeSpec]:
@@ -164,7 +166,9 @@ def _policy(evaluation: Evaluation, path: Path, workers: int) -> policies.Policy
         threads=max(1, count_cpus() // workers),
         hidden=(path.absolute(),),
     )
-    policy = policies.parse(evaluation.policy, surroundings, evaluation.maps)
+    policy = policies.parse(
+        evaluation.policy, surroundings, evaluation.maps, folder=evaluation.trained
+    )
     if isinstance(policy, policies.Hosted) and not isinstance(policy, policies.Remote):
         return policy.within(chosen(evaluation.sandbox))
     return policy

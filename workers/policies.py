@@ -13,6 +13,7 @@ from typing import Any, Self
 from pydantic import ValidationError
 
 from hide_tasks.contract import Action, EpisodeSpec, Policy, PolicyFailure
+from seek_model import trained
 from seek_model.checkpoint_header import BadCheckpoint, read_header
 from workers import actions_file, run_folder
 from workers.policy_host import CHECKPOINT
@@ -28,6 +29,7 @@ BUILTIN = ("expert", "amnesiac", "random", "noop")
 ACCEPTED = (
     f"{', '.join(BUILTIN)}, replay:DIR (a run folder), replay:FILE.json (an episode's actions), "
     "python:module:Class or python:path/to/file.py:Class, "
+    f"{', '.join(trained.POLICIES)} (trained checkpoints that come along), "
     "a checkpoint, path/to/file.safetensors; a policy that is served, ws://host:port or wss://…, "
     "http://host:port/act, tcp://host:port"
 )
@@ -291,12 +293,17 @@ def hash_of_file(path: Path) -> str:
 
 
 def parse(
-    text: str, surroundings: Surroundings = Surroundings(), maps: Path | None = None
+    text: str,
+    surroundings: Surroundings = Surroundings(),
+    maps: Path | None = None,
+    *,
+    folder: Path = trained.FOLDER,
 ) -> PolicyChoice:
     """The policy that POLICY names.
 
     Args:
         maps: a file that declares what a remote policy sees and how it acts.
+        folder: of the trained checkpoints that go by a name.
 
     Raises:
         BadPolicy: it names none.
@@ -310,6 +317,8 @@ def parse(
         )
     if text in BUILTIN:
         return BuiltIn(text)
+    if text in trained.POLICIES:
+        return read_trained(text, surroundings, folder)
     if kind == "replay" and rest:
         return read_replay(Path(rest))
     if kind == "python" and all(rest.rpartition(":")[::2]):
@@ -320,8 +329,24 @@ def parse(
 
 
 def _nearest(text: str) -> str:
-    near = difflib.get_close_matches(text, BUILTIN, n=1)
+    near = difflib.get_close_matches(text, (*BUILTIN, *trained.POLICIES), n=1)
     return f" Did you mean {near[0]}?" if near else ""
+
+
+def read_trained(name: str, surroundings: Surroundings, folder: Path) -> Checkpoint:
+    """The policy in a trained checkpoint that comes with the code.
+
+    Raises:
+        BadPolicy: it is not installed, or is damaged.
+    """
+    path = trained.path_of(name, folder)
+    if not path.is_file():
+        there = ", ".join(trained.there(folder)) or "none of them"
+        raise BadPolicy(
+            f"{name} is a trained checkpoint, and {path} is not installed (here: {there}). "
+            f"Install a release that has it, or hide train {name} and name the file that it writes."
+        )
+    return read_checkpoint(path, surroundings)
 
 
 def read_checkpoint(path: Path, surroundings: Surroundings = Surroundings()) -> Checkpoint:

@@ -216,6 +216,14 @@ def of_other_kind(tensors: dict[str, Tensor]) -> None:
     tensors["coarse.stop.net.3.bias"] = torch.zeros(1, dtype=torch.float64)
 
 
+def of_brain_floats(tensors: dict[str, Tensor]) -> None:
+    tensors["coarse.stop.net.3.bias"] = torch.zeros(1, dtype=torch.bfloat16)
+
+
+def infinite_half(tensors: dict[str, Tensor]) -> None:
+    tensors["coarse.stop.net.3.bias"] = torch.tensor([float("inf")]).half()
+
+
 def not_a_number(tensors: dict[str, Tensor]) -> None:
     tensors["coarse.stop.net.3.bias"] = torch.tensor([float("nan")])
 
@@ -231,6 +239,8 @@ def infinite(tensors: dict[str, Tensor]) -> None:
         (with_another, "'stranger' is unexpected"),
         (of_other_shape, "is of shape [2]; expected float32 of shape [1]"),
         (of_other_kind, "is float64 of shape [1]; expected float32 of shape [1]"),
+        (of_brain_floats, "is bfloat16 of shape [1]; expected float32 of shape [1]"),
+        (infinite_half, "1 of 1 values are NaN or infinite"),
         (not_a_number, "1 of 1 values are NaN or infinite"),
         (infinite, "1 of 1 values are NaN or infinite"),
     ],
@@ -250,6 +260,44 @@ def test_weights_that_do_not_fit_are_told(
         load(path)
 
     assert message in str(error.value)
+
+
+def test_weights_of_half_precision_are_widened(
+    tmp_path: Path, config: Config, network: Network
+) -> None:
+    halved = checkpoint.halved(weights(network))
+
+    loaded, _, header = load(saved(tmp_path / "half.safetensors", config, halved))
+
+    assert {one.dtype for one in header.tensors.values()} == {"F16"}
+    for name, one in weights(loaded).items():
+        assert one.dtype == torch.float32
+        assert torch.equal(one, halved[name].float())
+
+
+def test_only_numbers_of_single_precision_are_halved() -> None:
+    tensors = {
+        "single": torch.ones(1),
+        "double": torch.ones(1, dtype=torch.float64),
+        "bytes": torch.ones(1, dtype=torch.uint8),
+        "empty": torch.ones(0),
+    }
+
+    kinds = [one.dtype for one in checkpoint.halved(tensors).values()]
+
+    assert kinds == [torch.float16, torch.float64, torch.uint8, torch.float16]
+
+
+def test_what_half_precision_does_not_have_is_told() -> None:
+    with pytest.raises(ValueError, match="tensor 'large' holds 70000; float16 ends at 65504"):
+        checkpoint.halved({"fine": torch.ones(1), "large": torch.tensor([-70_000.0])})
+
+
+def test_half_precision_is_not_taken_for_whole_numbers() -> None:
+    module = nn.BatchNorm1d(2)  # counts its batches
+
+    with pytest.raises(BadCheckpoint, match=r"is float16 of shape \[\]; expected int64"):
+        checkpoint.fill(module, {**weights(module), "num_batches_tracked": torch.ones(()).half()})
 
 
 def test_a_misfit_changes_no_weight(network: Network) -> None:

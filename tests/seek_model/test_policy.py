@@ -2,16 +2,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 
 from hide_tasks import suite
 from hide_tasks.bullet.world import World
 from hide_tasks.contract import Belief, Keyframe, Observation, Policy
 from hide_tasks.episode import play
 from hide_tasks.layout import BOUNDS
-from seek_model import policy
-from seek_model.checkpoint_header import BadCheckpoint
+from seek_model import checkpoint, policy
+from seek_model.checkpoint_header import BadCheckpoint, read_header
 from seek_model.frames import Frames
 from seek_model.memory import Archive
+from seek_model.network import Predictions
 from seek_model.policy import SeekPolicy, carried_out
 from seek_model.presets import preset
 from tests.seek_model.checkpoints import tiny_checkpoint
@@ -56,6 +58,33 @@ def test_an_episode_is_played_to_its_end_the_same_way_twice(tmp_path: Path) -> N
     assert [record.action for record in records] == [record.action for record in repeated]
     assert first.final_state_hash == again.final_state_hash
     assert all(isinstance(record.belief, Belief) for record in records)
+
+
+def test_half_precision_hardly_changes_what_is_said(
+    tmp_path: Path, observation: Observation
+) -> None:
+    whole = loaded(tmp_path)
+    halved = checkpoint.halved(checkpoint.weights(whole.network))
+    provenance = read_header(tmp_path / "some.safetensors").provenance
+    checkpoint.save(tmp_path / "half.safetensors", halved, whole.config, provenance)
+
+    one, other = (
+        _predicted(made, observation)
+        for made in (whole, policy.load(tmp_path / "half.safetensors"))
+    )
+
+    assert one.position is not None and other.position is not None and one.said and other.said
+    assert torch.allclose(one.position, other.position, atol=1e-3)  # 0.5 mm
+    for logits, nearly in zip(one.said, other.said, strict=True):
+        assert torch.allclose(logits, nearly, atol=5e-3)
+    assert one.coarse.boundary is not None and other.coarse.boundary is not None
+    assert torch.allclose(one.coarse.boundary, other.coarse.boundary, atol=5e-3)
+
+
+@torch.no_grad()
+def _predicted(made: SeekPolicy, observation: Observation) -> Predictions:
+    seen = policy.frames_of(observation, 0, made.config)
+    return made.network.play(seen, made.network.begin(1))[0]
 
 
 def test_belief_names_the_memories_that_there_were(

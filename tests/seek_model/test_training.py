@@ -375,6 +375,21 @@ def test_the_second_phase_can_start_from_a_checkpoint(
     assert along == after
 
 
+def test_a_start_may_be_in_half_precision(store: Path, whole: Path, tmp_path: Path) -> None:
+    network, config, header = checkpoint.load(whole / "checkpoint-first.safetensors")
+    half = tmp_path / "stage-one.safetensors"
+    halved = checkpoint.halved(checkpoint.weights(network))
+    checkpoint.save(half, halved, config, header.provenance)
+    base = tiny(start=str(half))
+    twin = base.model_copy(update={"model": base.model.model_copy(update={"memory": None})})
+
+    train(twin, store, tmp_path / "out")
+
+    last = read_header(tmp_path / "out" / "checkpoint.safetensors")
+    assert last.provenance.step == base.train.second.steps
+    assert {one.dtype for one in last.tensors.values()} == {"F32"}
+
+
 def test_without_a_memory_a_start_is_trained_on(store: Path, whole: Path, tmp_path: Path) -> None:
     """The memory-free twin has as many updates as the model with memory."""
     base = tiny(start=str(whole / "checkpoint-first.safetensors"))

@@ -31,9 +31,9 @@ SMALL = {"policy": "expert", "tasks": ["search_drawer"], "episodes": 2}
 
 
 def application(data: Path, **settings: Any) -> FastAPI:
-    """The API over a new ledger."""
+    """The API over a new ledger, without the trained policies that come along."""
     ledgers.laid(data)
-    quiet = {"workers": 0, "references": False, "smoke": False}
+    quiet = {"workers": 0, "references": False, "smoke": False, "trained": data / "no-trained"}
     return create_app(Settings(data=data, **{**quiet, **settings}))
 
 

@@ -24,7 +24,7 @@ def application(data: Path, **settings: Any) -> FastAPI:
     """The API and its pages; nothing is handed out."""
     ledgers.laid(data)
     viewer_files.lay(data)
-    quiet = {"workers": 0, "references": False, "smoke": False}
+    quiet = {"workers": 0, "references": False, "smoke": False, "trained": data / "no-trained"}
     return create_app(Settings(data=data, **{**quiet, **settings}))
 
 

@@ -17,6 +17,7 @@ from tests.processes import command
 from workers.simulator_process import descendants
 
 ROOT = Path(__file__).parents[2]
+TRAINED = "HIDE_SERVER_TRAINED"
 START_LIMIT = 240.0  # s; on a busy machine a start takes a while
 
 
@@ -26,6 +27,7 @@ class RunningServer:
     Args:
         program: the module that stands for `hide`.
         within: a command that runs it, and becomes it.
+        trained: the folder of trained policies that come along; without it there are none.
     """
 
     def __init__(
@@ -35,8 +37,10 @@ class RunningServer:
         workers: int = 2,
         program: str = "server.cli",
         within: Sequence[str] = (),
+        trained: Path | None = None,
     ):
         self.data = data
+        self.trained = trained or data.with_name("no-trained")
         self._command = [*within, sys.executable, "-m", program, "serve", "--data", str(data)]
         self._command += ["--workers", str(workers), *options]
 
@@ -56,6 +60,7 @@ class RunningServer:
             self.process = subprocess.Popen(
                 [*self._command, "--port", port],
                 cwd=ROOT,
+                env=os.environ | {TRAINED: str(self.trained)},
                 stderr=output,
                 stdout=output,
                 stdin=subprocess.DEVNULL,

@@ -11,6 +11,7 @@ import pytest
 
 from hide_tasks import ALL_TASKS, suite
 from hide_tasks.demos import Folder
+from seek_model import trained
 from server import cli
 from tests.workers.test_run_folder import contents, play
 from workers.sandbox.choice import Sandbox, best
@@ -64,6 +65,27 @@ def test_the_catalogue_is_there_within_a_second_and_without_the_simulator() -> N
     assert os.times().children_user - began[1] < 2.0  # of a processor that others use as well
 
 
+@pytest.mark.parametrize("command", ["eval", "serve-policy"])
+def test_help_names_the_trained_checkpoints(capfd, monkeypatch, command: str) -> None:
+    monkeypatch.setenv("COLUMNS", "400")
+
+    _, output, _ = hide(capfd, command, "--help")
+
+    assert all(name in output for name in trained.POLICIES)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif("seek-small" not in trained.there(), reason="seek-small did not come along")
+def test_the_trained_checkpoint_plays_at_once(capfd, tmp_path: Path) -> None:
+    asked = ("--tasks", "push_button_times", "--episodes", "1", "--json")
+
+    status, output, errors = hide(capfd, "eval", "seek-small", *asked, "--out", tmp_path / "run")
+
+    assert status == 0, errors
+    [episode] = json.loads(output)["episodes"]
+    assert episode["failure"] != "policy_error", episode["detail"]
+
+
 @pytest.mark.parametrize("arguments", [[], ["--help"], ["eval", "--help"], ["tasks", "--help"]])
 def test_help(capfd, arguments: list[str]) -> None:
     status, output, errors = hide(capfd, *arguments)
@@ -81,6 +103,8 @@ def test_help(capfd, arguments: list[str]) -> None:
             "eval exprt",
             "No policy 'exprt'. Did you mean expert? Policies: expert, amnesiac, random",
         ),
+        ("eval seek-smal", "Did you mean seek-small? Policies: expert,"),
+        ("serve-policy stage-on", "No policy 'stage-on'."),
         ("eval ws://", "'ws://' is no URL such as ws://host:8000"),
         ("eval ws://127.0.0.1:1", "ws://127.0.0.1:1 cannot be reached: Connection refused."),
         ("eval ws://me@host:1", "a URL has neither user, password nor fragment"),

@@ -72,7 +72,8 @@ def empty(data: Path) -> FastAPI:
     data.mkdir(parents=True, exist_ok=True)
     ledgers.opened(data).close()
     viewer_files.lay(data)
-    return create_app(Settings(data=data, workers=0, references=False, smoke=False))
+    quiet = {"workers": 0, "references": False, "smoke": False}
+    return create_app(Settings(data=data, trained=data / "no-trained", **quiet))
 
 
 def filled(app: FastAPI, recordings: Path) -> Site:

@@ -34,7 +34,7 @@ pytestmark = [
 @pytest.fixture
 def app(tmp_path: Path) -> FastAPI:
     ledgers.laid(tmp_path)
-    quiet = {"workers": 0, "references": False, "smoke": False}
+    quiet = {"workers": 0, "references": False, "smoke": False, "trained": tmp_path / "none"}
     viewer_files.lay(tmp_path)
     return create_app(Settings(data=tmp_path, allow_remote=("127.0.0.1",), **quiet))
 

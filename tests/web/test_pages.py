@@ -13,11 +13,13 @@ from fastapi.testclient import TestClient
 from hide_tasks import ALL_TASKS, load
 from hide_tasks.certificates import committed
 from hide_tasks.contract import Failure
+from seek_model import trained
 from server import checkpoints, policies, snapshots, uploads
 from server.states import EpisodeState
-from tests.server import ledgers
+from tests.server import ledgers, people
 from tests.web import sites
 from tests.web.sites import Site
+from tests.workers import checkpoint_files
 from web.wording import FAILURES, OUTCOMES, words
 
 WHOLE = ["/", "/?verdict=exact", "/?split=val", "/evaluations", "/evaluations/new", "/tasks"]
@@ -201,7 +203,7 @@ def test_the_form_of_an_upload_knows_what_is_refused(client: TestClient, site: S
 
     assert 'value="upload" data-first="Upload it first" checked' in text
     assert f'data-limit="{site.hub.settings.checkpoint_limit}"' in text
-    assert "(?!(expert|amnesiac|random|noop)$)" in text
+    assert "(?!(expert|amnesiac|random|noop|seek-small|sam2act-small)$)" in text
 
 
 # --- policies ---
@@ -476,3 +478,27 @@ def test_the_wrong_method_is_a_page_too(client: TestClient) -> None:
 
     assert response.status_code == 405
     assert "<h1>" in response.text
+
+
+def test_what_comes_along_is_named_as_such(tmp_path: Path) -> None:
+    (folder := tmp_path / "trained").mkdir()
+    checkpoint_files.written(trained.path_of("seek-small", folder), name="seek-small")
+    app = people.application(tmp_path / "data", references=True, trained=folder)
+
+    with TestClient(app, base_url="http://127.0.0.1") as client:
+        first, form = page(client, "/"), page(client, "/evaluations/new")
+        about = page(client, "/policies/seek-small")
+
+    assert "seek-small was trained with this code and comes along" in first
+    assert '<option value="seek-small@1">seek-small@1 (trained, comes along)</option>' in form
+    assert "It was trained with this code and comes along." in about
+    assert trained.ABOUT["seek-small"] in about
+
+
+def test_without_trained_policies_none_is_named(tmp_path: Path) -> None:
+    app = people.application(tmp_path / "data", references=True)
+
+    with TestClient(app, base_url="http://127.0.0.1") as client:
+        first = page(client, "/")
+
+    assert "References give a scale" in first and "seek-small" not in first

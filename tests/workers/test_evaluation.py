@@ -12,10 +12,12 @@ from typing import Any
 import pytest
 
 from hide_tasks.contract import EpisodeSpec
+from seek_model import trained
 from tests.processes import gone, wait_for
 from tests.seek_model.checkpoints import tiny_checkpoint
 from tests.workers import checkpoint_files
 from workers.evaluation import Evaluation, Watcher, evaluate, missing
+from workers.policies import hash_of_file
 from workers.run_folder import DECISIONS, RESULTS, FolderError, RunFolder
 from workers.sandbox.choice import best
 from workers.simulator_process import descendants
@@ -222,3 +224,16 @@ def test_a_checkpoint_is_evaluated_and_a_bad_one_is_refused(tmp_path: Path) -> N
     assert ("The policy plays in a sandbox" in finished.stderr) == (best() != "none")
     assert (again.returncode, again.stderr.count("\n")) == (2, 1)
     assert again.stderr.startswith("hide: seek.safetensors cannot be loaded: tensor ")
+
+
+def test_a_trained_checkpoint_is_evaluated_by_its_name_in_the_sandbox(tmp_path: Path) -> None:
+    (folder := tmp_path / "trained").mkdir()
+    file = tiny_checkpoint(trained.path_of("seek-small", folder))
+    wanted = Evaluation("seek-small", TASKS[:1], episodes=1, recordings=False, trained=folder)
+
+    results = evaluate(wanted, tmp_path / "run", workers=1)
+
+    [episode] = results.episodes
+    assert episode.failure != "policy_error", episode.detail
+    assert (results.policy, results.sandboxes) == ("seek-small", [best()])
+    assert results.checkpoint == hash_of_file(file)

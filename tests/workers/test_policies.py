@@ -7,6 +7,7 @@ import pytest
 from hide_tasks import policies as builtin
 from hide_tasks.contract import Stop
 from hide_tasks.suite import episode
+from seek_model import trained
 from tests.workers import checkpoint_files
 from tests.workers.test_run_folder import play
 from workers import policies
@@ -42,14 +43,16 @@ def test_a_researchers_own_class(target: str) -> None:
 def test_anything_else_is_told_what_is_accepted(text: str) -> None:
     with pytest.raises(
         BadPolicy,
-        match=r"expert, amnesiac, random, noop, replay:DIR .*replay:FILE.json .*python:module",
+        match=r"expert, amnesiac, random, noop, replay:DIR .*replay:FILE.json .*python:module"
+        r".*seek-small, sam2act-small .*path/to/file.safetensors",
     ):
         parse(text)
 
 
-def test_a_near_miss_is_told_the_nearest() -> None:
-    with pytest.raises(BadPolicy, match="Did you mean amnesiac"):
-        parse("amnesic")
+@pytest.mark.parametrize(("text", "meant"), [("amnesic", "amnesiac"), ("seek_small", "seek-small")])
+def test_a_near_miss_is_told_the_nearest(text: str, meant: str) -> None:
+    with pytest.raises(BadPolicy, match=f"Did you mean {meant}"):
+        parse(text)
 
 
 def test_a_replay_gives_each_episode_its_actions(tmp_path: Path) -> None:
@@ -94,6 +97,39 @@ def test_a_checkpoint_is_named_by_its_path_and_known_by_its_content(
     assert isinstance(chosen, Checkpoint)
     assert chosen.target == f"checkpoint:{path}"
     assert chosen.sha256 == hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+@pytest.mark.parametrize("name", trained.POLICIES)
+def test_a_trained_checkpoint_goes_by_its_name(tmp_path: Path, name: str) -> None:
+    path = checkpoint_files.written(trained.path_of(name, tmp_path))
+
+    assert parse(name, folder=tmp_path) == parse(str(path))
+
+
+def test_a_trained_checkpoint_that_is_not_installed_is_told(tmp_path: Path) -> None:
+    checkpoint_files.written(trained.path_of("seek-small", tmp_path))
+
+    with pytest.raises(
+        BadPolicy,
+        match=r"sam2act-small\.safetensors is not installed \(here: seek-small\)\. Install .*"
+        "hide train sam2act-small",
+    ):
+        parse("sam2act-small", folder=tmp_path)
+
+
+def test_a_trained_checkpoint_that_is_damaged_is_told(tmp_path: Path) -> None:
+    trained.path_of("seek-small", tmp_path).write_bytes(b"version https://git-lfs.github.com")
+
+    with pytest.raises(BadPolicy, match=r"seek-small.safetensors is no checkpoint"):
+        parse("seek-small", folder=tmp_path)
+
+
+def test_what_both_were_trained_from_is_no_policy_to_name(tmp_path: Path) -> None:
+    path = checkpoint_files.written(trained.path_of(trained.STAGE_ONE, tmp_path))
+
+    with pytest.raises(BadPolicy, match="No policy 'stage-one'"):
+        parse(trained.STAGE_ONE, folder=tmp_path)
+    assert isinstance(parse(str(path)), Checkpoint)
 
 
 def test_a_checkpoint_that_is_not_there(tmp_path: Path) -> None:
