@@ -128,13 +128,14 @@ def spent(out: Path) -> dict[str, dict[str, float]]:
 
 def times(out: Path, found: Results) -> dict[str, Any]:
     """Seconds of one step of each kind, measured; trainings know their own, over all restarts."""
-    of_kind = {kind: fmean(by_name.values()) for kind, by_name in spent(out).items()}
-    trained = {"second": list(found["runs"].values()), "first": [found["first"]]}
-    for kind, records in trained.items():
-        seconds = [one["provenance"]["seconds"] for one in records if one]
-        if seconds:
-            of_kind[kind] = fmean(seconds)
-    rounded = {kind: round(seconds, 1) for kind, seconds in sorted(of_kind.items())}
+    of_kind = {kind: dict(by_name) for kind, by_name in spent(out).items()}
+    records = {"first": {"first": found["first"]}, "second": found["runs"]}
+    for kind, of_runs in records.items():
+        for name, record in of_runs.items():
+            trained = record["provenance"]["seconds"] if record else 0.0
+            if seconds := max(trained, of_kind.get(kind, {}).get(name, 0.0)):
+                of_kind.setdefault(kind, {})[name] = seconds
+    rounded = {kind: round(fmean(of_kind[kind].values()), 1) for kind in sorted(of_kind)}
     return {"processors": os.cpu_count(), "seconds": rounded}
 
 
