@@ -7,10 +7,10 @@ PIP := -qq --disable-pip-version-check --no-compile -c constraints.txt
 NEEDS := HIDE-SEEK needs Python 3.11 with its venv module. On Debian: \
 	apt-get install git make python3.11 python3.11-venv (elsewhere: make setup PYTHON=/path/to/python3.11)
 
-.PHONY: help setup run test check gates lock clean
+.PHONY: help setup run test check gates reproduce lock clean
 
 help: ## Show this list
-	@awk -F ':.*## ' '/^[a-z]+:.*## /{printf "  make %-6s  %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+	@awk -F ':.*## ' '/^[a-z]+:.*## /{printf "  make %-9s  %s\n", $$1, $$2}' $(MAKEFILE_LIST)
 
 setup: .venv/.warm ## Create .venv with everything in it; does nothing when it is up to date
 
@@ -28,6 +28,9 @@ check: setup ## Lint, format, types, import rules
 
 gates: setup ## Run every gate on every episode and record the result
 	$(BIN)/python -m hide_tasks.gates
+
+reproduce: setup ## Repeat the study: data, trainings, evaluations, tables; TINY=1: the same in minutes
+	$(BIN)/python -m docs.reproduce $(if $(TINY),--tiny) $(ARGS)
 
 # The release of torch is fixed in pyproject.toml, so resolving it along cannot pull another one.
 lock: ## Resolve every dependency anew and write constraints.txt

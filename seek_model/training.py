@@ -15,13 +15,13 @@ from pathlib import Path
 from time import monotonic
 
 import torch
-from torch import Tensor
 
 from seek_model import checkpoint, sampling, training_folder
-from seek_model.checkpoint_header import BadCheckpoint, Provenance
+from seek_model.checkpoint_header import Provenance
 from seek_model.config import Config, Views
 from seek_model.distributed import Group, joined
 from seek_model.progress import PHASES, Journal, Pace, Step, Watcher, journal
+from seek_model.starts import started
 from seek_model.stopping import asked_to_stop
 from seek_model.store import Store, StoreError
 from seek_model.trainer import Trainer, TrainingError
@@ -99,7 +99,7 @@ class Run:
         self.trained = state["seconds"] if state else 0.0
         phases = _phases(self.config)
         start = self.config.train.start
-        before = _started(Path(start), self.config) if start and not state else None
+        before = started(Path(start), self.config) if start and not state else None
         for name in phases[phases.index(state["phase"]) if state else 0 :]:
             self.trainer = Trainer(name, self.config, self.group, before)
             if state:
@@ -207,26 +207,6 @@ class Run:
         )
         for name in missing:
             checkpoint.save(self.out / name, trainer.averaged, trainer.config, provenance)
-
-
-def _started(path: Path, config: Config) -> dict[str, Tensor]:
-    """The weights of a memory-free checkpoint that the second phase goes on from.
-
-    Raises:
-        TrainingError: it cannot be used, or is of another model.
-    """
-    try:
-        network, there, _ = checkpoint.load(path)
-    except (BadCheckpoint, OSError) as error:
-        raise TrainingError(f"train.start = {path} cannot be used: {error}") from None
-    wanted = checkpoint.self_contained(config.model).model_copy(update={"memory": None})
-    expected = wanted.model_dump()
-    for key, value in checkpoint.self_contained(there.model).model_dump().items():
-        if value != expected[key]:
-            raise TrainingError(
-                f"train.start = {path} has model.{key} = {value}; expected {expected[key]}"
-            )
-    return checkpoint.weights(network)
 
 
 def _phases(config: Config) -> list[str]:

@@ -230,7 +230,20 @@ def train(
         Path,
         Option(help="A folder of hide demos; its keyframe store is made inside it, once."),
     ] = Path("demos"),
-    out: Annotated[Path | None, Option(help="The training's folder. Default: runs/train-…")] = None,
+    out: Annotated[
+        Path | None, Option(help="The training's folder. Default: runs/train-… with its seed.")
+    ] = None,
+    seed: Annotated[
+        int | None,
+        Option(min=0, help="Of weights, batches, noise. Default: the configuration's."),
+    ] = None,
+    start: Annotated[
+        Path | None,
+        Option(
+            metavar="FILE",
+            help="Leave the first phase out; go on from this policy without memory.",
+        ),
+    ] = None,
     resume: Annotated[
         bool,
         Option("--resume/--no-resume", help="Go on with the training in the folder, if any."),
@@ -244,7 +257,9 @@ def train(
     from server.training import train as run
 
     try:
-        checkpoint = run(recipe, data, out, resume=resume, steps_scale=steps_scale)
+        checkpoint = run(
+            recipe, data, out, resume=resume, steps_scale=steps_scale, seed=seed, start=start
+        )
     except TrainingFailed as error:
         _fail(str(error), 1)
     else:

@@ -34,8 +34,25 @@ class TrainingFailed(Exception):
     """The training could not go on; the message tells why and what is kept."""
 
 
-def train(recipe: str, data: Path, out: Path | None, *, resume: bool, steps_scale: float) -> Path:
+def train(
+    recipe: str,
+    data: Path,
+    out: Path | None,
+    *,
+    resume: bool,
+    steps_scale: float,
+    seed: int | None = None,
+    start: Path | None = None,
+) -> Path:
     """Trains what a recipe tells, on a folder of demonstrations; the checkpoint's file.
+
+    Args:
+        recipe: a preset, or a TOML file that changes one.
+        data: the folder of demonstrations.
+        out: the training's folder; None for one that the name and the seed tell.
+        resume: go on if there is a training of the same in `out`.
+        steps_scale: times the steps of both phases.
+        seed, start: in place of the recipe's.
 
     Raises:
         BadUsage: the recipe, the data or the folder cannot be used; nothing was trained.
@@ -43,14 +60,14 @@ def train(recipe: str, data: Path, out: Path | None, *, resume: bool, steps_scal
         KeyboardInterrupt: it was stopped, and its folder is in order.
     """
     require_torch()
-    config = configuration(recipe, steps_scale)
+    config = changed(configuration(recipe, steps_scale), seed, start)
     from seek_model.network import parameter_counts
     from seek_model.store import StoreError
     from seek_model.trainer import TrainingError
     from seek_model.training import train as run
     from seek_model.training_folder import TrainingFolderError
 
-    folder = out or Path("runs", f"train-{config.name.replace('/', '-')}")
+    folder = out or Path("runs", f"train-{name_of(config)}")
     with reporting() as reporter:
         try:
             store = keyframes(data, config.model.views, reporter)
@@ -86,6 +103,26 @@ def configuration(recipe: str, steps_scale: float = 1.0) -> Config:
     except BadRecipe as error:
         raise BadUsage(str(error)) from None
     return scaled(config, steps_scale) if steps_scale != 1 else config
+
+
+def changed(config: Config, seed: int | None, start: Path | None) -> Config:
+    """The same training with another seed, or going on from a checkpoint.
+
+    Raises:
+        BadUsage: there is no such checkpoint.
+    """
+    changes: dict[str, object] = {} if seed is None else {"seed": seed}
+    if start is not None:
+        if not start.is_file():
+            raise BadUsage(f"--start {start}: no such file; it takes a checkpoint of phase first.")
+        changes["start"] = str(start)
+    return config.model_copy(update={"train": config.train.model_copy(update=changes)})
+
+
+def name_of(config: Config) -> str:
+    """What a training is called on disk; every seed but 0 has a name of its own."""
+    seed = config.train.seed
+    return config.name.replace("/", "-") + f"-s{seed}" * (seed != 0)
 
 
 def keyframes(data: Path, views: Views, reporter: "Reporter") -> "Store":

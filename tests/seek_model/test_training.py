@@ -406,9 +406,9 @@ def test_without_a_memory_a_start_is_trained_on(store: Path, whole: Path, tmp_pa
 
 def test_a_start_of_another_model_is_refused(store: Path, whole: Path, tmp_path: Path) -> None:
     config = tiny(start=str(whole / "checkpoint-first.safetensors"))
-    other = config.model.model_copy(update={"clock": True})
+    other = config.model.model_copy(update={"stop": False})
 
-    with pytest.raises(TrainingError, match=r"model\.clock = False; expected True"):
+    with pytest.raises(TrainingError, match=r"model\.stop = True; expected False"):
         train(config.model_copy(update={"model": other}), store, tmp_path / "out")
     with pytest.raises(TrainingError, match="cannot be used"):
         train(tiny(start="nowhere.safetensors"), store, tmp_path / "another")

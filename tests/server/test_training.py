@@ -79,6 +79,29 @@ def test_a_training_from_demonstrations_to_checkpoint_and_again(
     assert f"{out} holds a training" in errors
 
 
+@pytest.mark.slow
+def test_a_second_phase_alone_with_a_seed_of_its_own(
+    capfd: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    recipe: Path,
+    tmp_path: Path,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    demos = record(tmp_path / "demos", {("press", "train"): [4, 6], ("press", "val"): [3]})
+    arguments = ("train", recipe, "--data", demos, "--steps-scale", "0.1")
+    status, output, _ = hide(capfd, *arguments)
+    assert (status, output) == (0, "runs/train-tiny/checkpoint.safetensors\n")
+    start = "runs/train-tiny/checkpoint-first.safetensors"
+
+    status, output, errors = hide(capfd, *arguments, "--seed", "3", "--start", start)
+
+    assert (status, output) == (0, "runs/train-tiny-s3/checkpoint.safetensors\n")
+    assert "Phase first" not in errors
+    header = read_header(Path(output.strip()))
+    assert (header.config.train.seed, header.provenance.seed) == (3, 3)
+    assert header.config.train.start == start
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -88,6 +111,8 @@ def test_a_training_from_demonstrations_to_checkpoint_and_again(
         ("train seek-small --data nowhere", "nowhere is no folder of demonstrations: no"),
         ("train seek-small --data .", ". is no folder of demonstrations: no demos.json"),
         ("train seek-small --steps-scale 0", "--steps-scale"),
+        ("train seek-small --seed -1", "--seed"),
+        ("train seek-small --start none", "--start none: no such file; it takes a checkpoint"),
     ],
 )
 def test_a_mistake_is_one_clear_line(
