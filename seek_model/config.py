@@ -163,8 +163,8 @@ class Model(_Config):
 class Augment(_Config):
     """One shift and turn a sequence, about the middle of the workspace."""
 
-    shift: tuple[float, float, float] = (0.125, 0.125, 0.125)  # m, either way along x, y, z
-    turn: float = 45.0  # degrees, either way about the vertical
+    shift: tuple[float, float, float] = (0.08, 0.08, 0.03)  # m, either way along x, y, z
+    turn: float = 25.0  # degrees, either way about the vertical
     tries: Positive = 20  # until every target is in bounds; then none at all
 
 
@@ -190,15 +190,21 @@ class Train(_Config):
 
     tasks: tuple[str, ...] = ()  # empty: all that the data has
     start: str = ""  # a checkpoint of the first phase, which is then left out
-    first: Phase = Phase(steps=10_000, horizon=10_000, warmup=500, batch=16)
+    first: Phase = Phase(steps=5600, horizon=5600, warmup=300, batch=32)
+    # Memory is read by the coarse branch alone; the fine one stays as the first phase left it.
     second: Phase = Phase(
-        steps=800, horizon=800, warmup=50, batch=8, frames=7, rate=1e-3, decay=0.0
-    )
+        steps=480, horizon=480, warmup=30, batch=16, frames=7, rate=1e-3, decay=0.0,
+        freeze=("encoder", "fine"), loss="coarse",
+    )  # fmt: skip
     archive: Literal["prefix", "literal"] = "prefix"  # models.md A1: c, a
     augment: Augment = Augment()
     stage_weight: Annotated[float, Field(ge=0.0)] = 1.0  # lambda_stage
     stop_weight: Annotated[float, Field(ge=0.0)] = 1.0
-    zoom_noise: Annotated[float, Field(ge=0.0)] = 0.05  # m, about the true target, either way
+    # How far the fine look is off the true target in training, along each axis, in m: as far as a
+    # coarse target is, so that where the look shows nothing its middle is the best guess (normal:
+    # the standard deviation); uniform: at most (RVT-2).
+    zoom_noise: Annotated[float, Field(ge=0.0)] = 0.012
+    zoom_draw: Literal["normal", "uniform"] = "normal"
     precision: Literal["bf16", "fp32"] = "bf16"
     ema: Share = 0.999
     save_every: Size = 180.0  # s between two checkpoints

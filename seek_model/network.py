@@ -75,7 +75,8 @@ class Network(nn.Module):
         frames: Frames,
         targets: Targets,
         *,
-        zoom_noise: float = 0.05,
+        zoom_noise: float = 0.0,
+        zoom_draw: str = "normal",
         coarse_only: bool = False,
     ) -> Predictions:
         """What it says of the supervised frames of sequences, each with a memory of its own.
@@ -86,7 +87,9 @@ class Network(nn.Module):
         Args:
             frames: the sequences.
             targets: what the demonstrations did; it tells the counts of stages.
-            zoom_noise: m, how far at most the fine look is off the true target along an axis.
+            zoom_noise: m, how far the fine look is off the true target along an axis: a standard
+                deviation, or at most, if `zoom_draw` is `uniform`.
+            zoom_draw: `normal`, cut at three deviations, or `uniform`.
             coarse_only: leave out the fine branch.
         """
         archives = self.begin(frames.shape[0], self._drawn(frames.shape[0]))
@@ -112,7 +115,7 @@ class Network(nn.Module):
         if self.fine is None:
             said = self._joint(coarse, true.rotation)
             return Predictions(whole, coarse, None, said, None)
-        noise = torch.rand_like(true.position) * 2 - 1
+        noise = _noise(true.position, zoom_draw)
         center = true.position + noise * zoom_noise * SCALE
         fine = self._look_closely(frames, rows, center, (true.position, true.rotation))
         return Predictions(whole, coarse, fine, fine.said, None)
@@ -252,6 +255,12 @@ def make_language(settings: Language) -> WordReader | ClipText | MiniLM:
     if settings.kind == "minilm":
         return MiniLM(settings.weights)
     return WordReader(settings)
+
+
+def _noise(like: Tensor, draw: str) -> Tensor:
+    if draw == "uniform":
+        return torch.rand_like(like) * 2 - 1
+    return torch.randn_like(like).clamp(-3, 3)
 
 
 # --- frames as rows ---

@@ -10,6 +10,7 @@ from collections.abc import Callable
 from typing import Literal
 
 from seek_model.config import (
+    Augment,
     Config,
     Language,
     Memory,
@@ -93,7 +94,13 @@ def _two_small() -> Train:
 
 
 def _paper(name: str, model: Model, train: Train) -> Config:
-    return Config(name=name, model=model, train=train.model_copy(update={"ema": 0.0}))
+    published = {
+        "ema": 0.0,
+        "augment": Augment(shift=(0.125, 0.125, 0.125), turn=45.0),
+        "zoom_noise": 0.05,
+        "zoom_draw": "uniform",
+    }
+    return Config(name=name, model=model, train=train.model_copy(update=published))
 
 
 def _rvt_train(

@@ -68,7 +68,11 @@ class Trainer:
         frames, targets = frames.to(self.group.device), targets.to(self.group.device)
         with precision.cast():
             predictions = self.parallel(
-                frames, targets, zoom_noise=train.zoom_noise, coarse_only=phase.loss == "coarse"
+                frames,
+                targets,
+                zoom_noise=train.zoom_noise,
+                zoom_draw=train.zoom_draw,
+                coarse_only=phase.loss == "coarse",
             )
         found = losses.total(predictions, targets, self.network, train, phase)
         self.optimizers.zero_grad()

@@ -6,6 +6,7 @@ import torch
 from torch import Tensor
 
 from seek_model import losses, optim
+from seek_model.clouds import SCALE
 from seek_model.config import ConvFilm, Memory, Model, Phase, Train, Views
 from seek_model.frames import Frames
 from seek_model.memory import Archive
@@ -271,6 +272,24 @@ def test_the_fine_branch_reads_no_memory() -> None:
     names = [name for name, _ in net.fine.named_parameters()]
 
     assert not [name for name in names if "memory" in name]
+
+
+@pytest.mark.parametrize(
+    ("draw", "deviation", "most"), [("normal", 1.0, 3.0), ("uniform", 3**-0.5, 1.0)]
+)
+def test_in_training_the_fine_look_misses_its_target_as_it_is_told(
+    draw: str, deviation: float, most: float
+) -> None:
+    torch.manual_seed(0)
+    seen = frames(16, 12)
+    wanted = targets(seen)
+
+    said = Network(tiny_model(memory=None))(seen, wanted, zoom_noise=0.02, zoom_draw=draw)
+
+    true = wanted.at(said.rows.sequence, said.rows.step).position
+    off = (said.fine.center - true) / (0.02 * SCALE)
+    assert off.std().item() == pytest.approx(deviation, rel=0.1)
+    assert 0.9 * most < off.abs().max().item() <= most + 1e-4
 
 
 def test_the_clock_is_told_only_where_it_is_asked_for() -> None:
