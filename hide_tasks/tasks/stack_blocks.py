@@ -99,7 +99,7 @@ class StackBlocks(Task):
         left, tower = self._on_patch(), 0
         below: Sequence[float] = self.patch.at.tolist()
         while (block := self._next(left, tower + 1, below)) is not None:
-            left.remove(block)
+            left = [one for one in left if one is not block]
             tower, below = tower + 1, block.position
         return tower
 

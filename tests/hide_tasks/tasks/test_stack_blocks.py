@@ -37,6 +37,14 @@ def test_the_right_number_of_levels_succeeds(world):
     assert world.violations == []
 
 
+@pytest.mark.parametrize("order", [(1, 0), (3, 1), (2, 3)])
+def test_the_blocks_of_the_colour_may_come_in_any_order(world, order):
+    stack(world, *(world.task.targets[number] for number in order))
+
+    assert world.success
+    assert world.task._stacked() == 2
+
+
 def test_one_level_too_many_is_an_overcount(world):
     stack(world, *world.task.targets[:3])
 
