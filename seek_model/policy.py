@@ -30,7 +30,9 @@ class SeekPolicy:
     """A policy of the contract. One instance plays many episodes, one after the other.
 
     A decision is remembered once it was carried out (models.md A11): at the next observation, if
-    the arm moved or was not asked to. So an action for which no path was found leaves no trace.
+    the arm moved or was not asked to. An action for which no path was found leaves no trace, so
+    the same would be chosen again, for ever: the next one is told to ignore collisions if that one
+    was not, and not to if it was.
     """
 
     def __init__(self, network: Network, config: Config, device: torch.device = CPU):
@@ -41,18 +43,21 @@ class SeekPolicy:
         """Forget everything."""
         self._archives: list[Archive] = self.network.begin(1, [policy_seed])
         self._pending: Pending | None = None
-        self._asked: tuple[NDArray[np.float64], NDArray[np.float64]] | None = None
+        self._asked: tuple[NDArray[np.float64], Keyframe] | None = None
         self._decision = 0
         self._belief: Belief | None = None
 
     @torch.no_grad()
     def act(self, observation: Observation) -> Keyframe:
         """The next keyframe."""
-        self._settle(observation.gripper_pose)
+        in_vain = self._settle(observation.gripper_pose)
         frames = frames_of(observation, self._decision, self.config).to(self.device)
         predictions, self._pending = self.network.play(frames, self._archives, self.told())
         action = keyframe(predictions)
-        self._asked = observation.gripper_pose, action.pose
+        if in_vain:
+            other = not in_vain.ignore_collisions
+            action = action.model_copy(update={"ignore_collisions": other})
+        self._asked = observation.gripper_pose, action
         self._decision += 1
         self._belief = self._believed(predictions)
         return action
@@ -65,12 +70,16 @@ class SeekPolicy:
         """What it held to be true when it chose its last action; None without a memory."""
         return self._belief
 
-    def _settle(self, pose: NDArray[np.float64]) -> None:
-        memory = self.config.model.memory
+    def _settle(self, pose: NDArray[np.float64]) -> Keyframe | None:
+        """Remembers the last decision if it was carried out; its action if it was not."""
+        memory, in_vain = self.config.model.memory, None
+        if self._asked and not carried_out(self._asked[0], self._asked[1].pose, pose):
+            in_vain = self._asked[1]
         always = memory is not None and memory.commit == "always"
-        if self._pending and self._asked and (always or carried_out(*self._asked, pose)):
+        if self._pending and (always or not in_vain):
             self._pending.commit()
         self._pending = None
+        return in_vain
 
     def _believed(self, predictions: Predictions) -> Belief | None:
         said, recalled = predictions.coarse, predictions.coarse.recalled

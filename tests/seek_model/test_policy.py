@@ -137,6 +137,18 @@ def test_an_action_that_found_no_path_is_not_remembered(
     assert [entry.decision for entry in made._archives[0].entries] == [1]
 
 
+@pytest.mark.parametrize("name", ["seek-small", "sam2act-small"])
+def test_what_found_no_path_is_tried_with_and_without_collisions(
+    tmp_path: Path, observation: Observation, name: str
+) -> None:
+    made = loaded(tmp_path, name)
+    tried = [made.act(observation) for _ in range(4)]  # the arm stands where it stood
+
+    assert len({action.position for action in tried}) == 1
+    first = tried[0].ignore_collisions
+    assert [action.ignore_collisions for action in tried] == [first, not first, first, not first]
+
+
 def test_to_the_letter_everything_is_remembered(tmp_path: Path, observation: Observation) -> None:
     made = policy.load(tiny_checkpoint(tmp_path / "a.safetensors", tiny(commit="always")))
     made.reset(observation.instruction, 7)
