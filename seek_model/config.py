@@ -161,11 +161,12 @@ class Model(_Config):
 
 
 class Augment(_Config):
-    """One shift and turn a sequence, about the middle of the workspace."""
+    """One shift and turn a sequence, about the middle of the workspace, and other colours."""
 
     shift: tuple[float, float, float] = (0.08, 0.08, 0.03)  # m, either way along x, y, z
     turn: float = 25.0  # degrees, either way about the vertical
     tries: Positive = 20  # until every target is in bounds; then none at all
+    colors: bool = True  # are colours that the instruction names changed, in word and picture?
 
 
 class Phase(_Config):

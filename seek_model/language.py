@@ -18,9 +18,9 @@ from seek_model.trunk import Words
 
 _NUMBERS = "zero one two three four five six seven eight nine ten eleven twelve"
 _OTHERS = """
-a above after again all an and any are as at back base before beside big black blocks block blue
-book bottom box boxes brown bulb button by cabinet channel change check close color container cup
-cups cyan desk dirt down drawer empty exactly first from front gray green grey grip hidden in
+a above after again all an and any are as at azure back base before beside big black blocks block
+blue book bottom box boxes brown bulb button by cabinet channel change check close color container
+cup cups cyan desk dirt down drawer empty exactly first from front gray green grey grip hidden in
 inside into item it its jar left lid lift light lime liquid magenta maroon middle minus navy new no
 object of off olive on once open opened orange order original other out over peg pegs pink place
 placed plus pour press purple push put red region remaining remote reopen return right ring rose

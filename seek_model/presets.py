@@ -96,7 +96,7 @@ def _two_small() -> Train:
 def _paper(name: str, model: Model, train: Train) -> Config:
     published = {
         "ema": 0.0,
-        "augment": Augment(shift=(0.125, 0.125, 0.125), turn=45.0),
+        "augment": Augment(shift=(0.125, 0.125, 0.125), turn=45.0, colors=False),
         "zoom_noise": 0.05,
         "zoom_draw": "uniform",
     }

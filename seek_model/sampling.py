@@ -17,6 +17,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from seek_model import recolor
 from seek_model.augment import NONE, Placement, draw, inside
 from seek_model.config import Augment, Phase, Train
 from seek_model.frames import Frames, Targets
@@ -39,6 +40,12 @@ class Cut:
     start: int  # decision with which supervision begins
     stop: int  # one past the last decision
     placement: Placement = NONE
+    order: recolor.Order = recolor.SAME  # of its colours' channels
+
+    @property
+    def instruction(self) -> str:
+        """As it is said of these colours."""
+        return recolor.said(self.episode.instruction, self.order)
 
     @property
     def rows(self) -> slice:
@@ -46,9 +53,10 @@ class Cut:
         return slice(self.episode.first + self.first, self.episode.first + self.stop)
 
     def placed(self, config: Augment, rng: np.random.Generator) -> "Cut":
-        """The same, shifted and turned such that every target stays in the cube."""
+        """The same, shifted and turned such that every target stays in the cube, and recoloured."""
         placement = draw(rng, self.part.action_pose[self.rows, :3], config)
-        return replace(self, placement=placement)
+        order = recolor.draw(rng, self.episode.instruction) if config.colors else recolor.SAME
+        return replace(self, placement=placement, order=order)
 
 
 class Sampler:
@@ -139,7 +147,7 @@ def assembled(cuts: Sequence[Cut], archive: int, window: int) -> Batch:
     seen = ("fingers", "pose", "decision", "present")
     frames = Frames(
         **_clouds(cuts, begins, steps),
-        instructions=[cut.episode.instruction for cut in cuts],
+        instructions=[cut.instruction for cut in cuts],
         **{name: grids.pop(name) for name in seen},
     )
     return frames, Targets(**grids)
@@ -192,7 +200,7 @@ def _seen(cut: Cut, first: int) -> tuple[Tensor, ...]:
     placed = cut.placement.points(torch.from_numpy(points))
     kept = inside(placed).nonzero()[:, 0]
     owner = torch.arange(first, first + len(counts)).repeat_interleave(torch.from_numpy(counts))
-    seen = (placed, torch.from_numpy(colors), owner)
+    seen = (placed, torch.from_numpy(recolor.seen(colors, cut.order)), owner)
     return tuple(tensor.index_select(0, kept) for tensor in seen)
 
 
