@@ -109,7 +109,7 @@ class Matrix(BaseModel):
 def model(memory: Memory | None) -> Model:
     """The small network of the matrix."""
     return Model(
-        views=Views(size=16),
+        views=Views(size=16, points=16_384, voxel=0.008),
         backbone=ConvFilm(widths=(24, 48), channels=48, depth=1, heads=2),
         language=Language(channels=32, tokens=16),
         memory=memory,
