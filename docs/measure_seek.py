@@ -24,7 +24,7 @@ from seek_model.network import Network, parameter_counts
 from seek_model.presets import MODELS, preset
 from tests.seek_model.tiny import frames, targets
 
-POINTS = 14_000  # of a frame, as stores of the small presets have
+POINTS = 29_000  # of a frame, as stores of the small presets have
 ARCHIVES = (10, 100, 10_000)
 
 
