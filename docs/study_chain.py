@@ -14,7 +14,7 @@ from docs import make_results, results_measured
 from docs.own_processes import ROOT, Failed, Folder, server
 from docs.results_measured import REFERENCES
 from docs.study_player import Player, digest, say
-from seek_model.checkpoint_header import BadCheckpoint, read_header
+from seek_model.checkpoint_header import BadCheckpoint, Header, read_header
 from seek_model.study import Run, Study, is_of, recipe
 from server.client import Client
 
@@ -78,15 +78,26 @@ class Reproduction:
         if not path.exists():
             return False
         try:
-            config = read_header(path).config
+            header = read_header(path)
         except (BadCheckpoint, OSError) as error:
             raise Failed(f"{path} cannot be used: {error}") from None
-        if run.start and not is_of(run, config):
+        if run.start:
+            self._require_of(run, path, header)
+        return True
+
+    def _require_of(self, run: Run, path: Path, header: Header) -> None:
+        config = header.config
+        if not is_of(run, config):
             raise Failed(
                 f"{path} is of {config.name} with seed {config.train.seed}; {run.name} is "
                 f"{run.preset} with seed {run.seed}, started from {run.start}."
             )
-        return True
+        start = self.checkpoint(self.study.run(run.start))
+        if start.exists() and header.provenance.start != digest(start):
+            raise Failed(
+                f"{path} went on from other weights than {start}: remove {path.parent} to train "
+                f"it again, or give the weights that it went on from (--first FILE)."
+            )
 
     def steps(self) -> list[Step]:
         """What is left, in order.

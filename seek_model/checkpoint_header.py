@@ -58,6 +58,7 @@ class Provenance(_Record):
     step: int = Field(ge=0)  # updates in that phase
     seed: int
     seconds: float = Field(ge=0)  # of training, over all phases and restarts
+    start: str = ""  # SHA-256 of the file of `train.start`; empty: it started from scratch
 
 
 class TensorInfo(_Record):

@@ -1,5 +1,6 @@
 """What the second phase goes on from, when a checkpoint of another training gives it."""
 
+import hashlib
 from pathlib import Path
 
 import torch
@@ -14,8 +15,8 @@ from seek_model.trainer import TrainingError
 TOLD = ".film.weight"  # ends the names of layers that are told words, fingers, and last the clock
 
 
-def started(path: Path, config: Config) -> dict[str, Tensor]:
-    """The weights of a memory-free checkpoint that the second phase goes on from.
+def started(path: Path, config: Config) -> tuple[dict[str, Tensor], str]:
+    """The weights of a memory-free checkpoint that the second phase goes on from; its SHA-256.
 
     A small policy that is told the clock may go on from one that is not: it begins as that policy,
     for it does not listen to the clock yet.
@@ -25,6 +26,8 @@ def started(path: Path, config: Config) -> dict[str, Tensor]:
     """
     try:
         network, there, _ = checkpoint.load(path)
+        with path.open("rb") as file:
+            sha256 = hashlib.file_digest(file, "sha256").hexdigest()
     except (BadCheckpoint, OSError) as error:
         raise TrainingError(f"train.start = {path} cannot be used: {error}") from None
     wanted, found = (checkpoint.self_contained(one.model) for one in (config, there))
@@ -32,7 +35,7 @@ def started(path: Path, config: Config) -> dict[str, Tensor]:
     clocked = _lacks_clock(found, wanted)
     _require_same(path, found, wanted.model_copy(update={"clock": False}) if clocked else wanted)
     weights = checkpoint.weights(network)
-    return _told_clock(weights) if clocked else weights
+    return (_told_clock(weights) if clocked else weights), sha256
 
 
 def _lacks_clock(found: Model, wanted: Model) -> bool:

@@ -76,6 +76,7 @@ class Run:
     """One training in one process of its group; `trainer` is the phase it is in."""
 
     trainer: Trainer
+    start = ""  # SHA-256 of the checkpoint that it goes on from
 
     def __init__(
         self,
@@ -97,9 +98,11 @@ class Run:
         state = training_folder.kept(self.out, self.group.device)
         self.group.wait()  # nobody writes before all have read
         self.trained = state["seconds"] if state else 0.0
-        phases = _phases(self.config)
-        start = self.config.train.start
-        before = started(Path(start), self.config) if start and not state else None
+        phases, before = _phases(self.config), None
+        if state:
+            self.start = state.get("start", "")
+        elif self.config.train.start:
+            before, self.start = started(Path(self.config.train.start), self.config)
         for name in phases[phases.index(state["phase"]) if state else 0 :]:
             self.trainer = Trainer(name, self.config, self.group, before)
             if state:
@@ -169,7 +172,8 @@ class Run:
         self.watch.validated(name, step, summary)
 
     def _save(self) -> None:
-        training_folder.keep(self.out, self.trainer.state() | {"seconds": self._seconds()})
+        about = {"seconds": self._seconds(), "start": self.start}
+        training_folder.keep(self.out, self.trainer.state() | about)
         self.saved = monotonic()
 
     def _alone_and_asked(self) -> bool:
@@ -204,6 +208,7 @@ class Run:
             step=trainer.step,
             seed=self.config.train.seed,
             seconds=round(self._seconds(), 1),
+            start=self.start,
         )
         for name in missing:
             checkpoint.save(self.out / name, trainer.averaged, trainer.config, provenance)

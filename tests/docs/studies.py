@@ -30,6 +30,7 @@ def header(run: Run) -> bytes:
     provenance = Provenance(
         project="0", torch="2", suite="hide", version=1, data="d" * 64, tasks=("press",),
         phase="second" if run.start else "first", step=800, seed=run.seed, seconds=1800.0,
+        start=hashlib.sha256(header(FULL.run(run.start))).hexdigest() if run.start else "",
     )  # fmt: skip
     metadata = {
         "format": FORMAT,

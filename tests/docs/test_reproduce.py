@@ -119,6 +119,21 @@ def test_weights_of_another_run_are_refused(
     assert "is of seek-small with seed 1; seek-s0 is seek-small with seed 0" in errors
 
 
+def test_a_run_from_another_first_phase_is_refused(
+    capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """So is what was trained before the first phase was trained anew."""
+    studies.trained(TINY, tmp_path)
+    first = TINY.run("first")
+    anew = studies.header(first).replace(b'\\"seconds\\":1800.0', b'\\"seconds\\":1801.0')
+    (tmp_path / "runs" / "first" / "checkpoint-first.safetensors").write_bytes(anew)
+
+    status, _, errors = said(capfd, monkeypatch, "--tiny", "--plan", "--out", tmp_path)
+
+    assert status == 1
+    assert f"{tmp_path / 'runs' / 'seek-s0'} to train it again" in errors
+
+
 def test_two_of_them_do_not_work_in_one_folder(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:

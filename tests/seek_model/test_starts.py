@@ -45,7 +45,7 @@ def said(network: Network) -> Predictions:
 def test_with_the_clock_it_begins_as_the_policy_without(first: Path) -> None:
     clocked = with_model(tiny(start=str(first)), clock=True, memory=None)
 
-    trainer = Trainer("second", clocked, GROUP, started(first, clocked))
+    trainer = Trainer("second", clocked, GROUP, started(first, clocked)[0])
 
     before, after = said(checkpoint.load(first)[0]), said(trainer.network)
     for name in ("logits", "center"):
@@ -58,14 +58,14 @@ def test_with_the_clock_it_begins_as_the_policy_without(first: Path) -> None:
 def test_with_the_clock_and_memory_it_sees_as_the_policy_without(first: Path) -> None:
     clocked = with_model(tiny(start=str(first)), clock=True)
 
-    network = Trainer("second", clocked, GROUP, started(first, clocked)).network
+    network = Trainer("second", clocked, GROUP, started(first, clocked)[0]).network
 
     assert torch.equal(said(checkpoint.load(first)[0]).fine.logits, said(network).fine.logits)
 
 
 def test_it_learns_to_listen_to_the_clock(first: Path) -> None:
     network = Network(with_model(tiny(), clock=True, memory=None).model)
-    checkpoint.fill(network, started(first, with_model(tiny(), clock=True)))
+    checkpoint.fill(network, started(first, with_model(tiny(), clock=True))[0])
     shown = frames(2, 3)
 
     network(shown, targets(shown)).coarse.decoded.logits.square().sum().backward()

@@ -1,5 +1,6 @@
 """Whole trainings of a few steps: killed, stopped, refused, in two processes."""
 
+import hashlib
 import json
 import math
 import os
@@ -371,8 +372,26 @@ def test_the_second_phase_can_start_from_a_checkpoint(
     train(tiny(start=str(start)), store, tmp_path / "out")
 
     assert not (tmp_path / "out" / "checkpoint-first.safetensors").exists()
+    origin = read_header(tmp_path / "out" / "checkpoint.safetensors").provenance
+    assert origin.start == hashlib.sha256(start.read_bytes()).hexdigest()
     along, after = (weights(out / "checkpoint.safetensors") for out in (whole, tmp_path / "out"))
     assert along == after
+
+
+def test_stopped_it_still_says_of_which_start_it_is(
+    store: Path, whole: Path, tmp_path: Path
+) -> None:
+    start = tmp_path / "start.safetensors"
+    start.write_bytes((whole / "checkpoint-first.safetensors").read_bytes())
+    begun_with = hashlib.sha256(start.read_bytes()).hexdigest()
+    with pytest.raises(KeyboardInterrupt):
+        train(tiny(start=str(start)), store, tmp_path / "out", watch=Stopping("second", 1))
+    start.unlink()
+
+    train(tiny(start=str(start)), store, tmp_path / "out")
+
+    origin = read_header(tmp_path / "out" / "checkpoint.safetensors").provenance
+    assert origin.start == begun_with
 
 
 def test_a_start_may_be_in_half_precision(store: Path, whole: Path, tmp_path: Path) -> None:
