@@ -163,8 +163,8 @@ class Model(_Config):
 class Augment(_Config):
     """One shift and turn a sequence, about the middle of the workspace, and other colours."""
 
-    shift: tuple[float, float, float] = (0.08, 0.08, 0.03)  # m, either way along x, y, z
-    turn: float = 25.0  # degrees, either way about the vertical
+    shift: tuple[float, float, float] = (0.05, 0.05, 0.02)  # m, either way along x, y, z
+    turn: float = 15.0  # degrees, either way about the vertical
     tries: Positive = 20  # until every target is in bounds; then none at all
     colors: bool = True  # are colours that the instruction names changed, in word and picture?
 
@@ -194,7 +194,7 @@ class Train(_Config):
     first: Phase = Phase(steps=5600, horizon=5600, warmup=300, batch=32)
     # Memory is read by the coarse branch alone; the fine one stays as the first phase left it.
     second: Phase = Phase(
-        steps=480, horizon=480, warmup=30, batch=16, frames=7, rate=1e-3, decay=0.0,
+        steps=320, horizon=320, warmup=30, batch=16, frames=7, rate=1e-3, decay=0.0,
         freeze=("encoder", "fine"), loss="coarse",
     )  # fmt: skip
     archive: Literal["prefix", "literal"] = "prefix"  # models.md A1: c, a

@@ -94,7 +94,7 @@ TINY = Study(
     ),
     tasks=("push_button_times", "reopen_drawer", "search_cup_from_cabinet"),  # one a category
     demonstrations={"train": 2, "val": 1},
-    episodes=2,
+    episodes=1,
     settings={
         "model.views": {"size": 32, "points": 2048, "voxel": 0.02},
         "model.backbone": {"widths": [16, 32], "channels": 32, "depth": 1, "heads": 2},
