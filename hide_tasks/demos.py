@@ -359,10 +359,11 @@ class Folder:
         there = cls.open(path) if strangers else cls(path, {}, ())
         wanted = {task: _sources(task) for task in tasks}
         for task in tasks:
-            if there.sources.get(task, wanted[task]) != wanted[task]:
+            other = there.sources.get(task, wanted[task]) != wanted[task]
+            if other and any((path / task).glob("*.npz")):
                 raise DemosError(
                     f"{path} holds demonstrations of {task} by another version of the sources. "
-                    "Give another folder, or delete these."
+                    f"Give another folder, or delete {path / task}."
                 )
         folder = cls(path, there.sources | wanted, tuple({*there.splits, split}))
         folder.write()

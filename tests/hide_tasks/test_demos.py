@@ -178,12 +178,14 @@ def test_a_folder_grows_by_tasks_and_splits(tmp_path):
     [
         ({"version": 0}, "is of suite hide 0, not hide 1"),
         ({"format": 9}, "is of format 9, not 1"),
-        ({"sources": {"push_button_times": "0"}}, "by another version of the sources"),
+        ({"sources": {"push_button_times": "0"}}, "delete .*push_button_times"),
         ({"sources": None}, "damaged"),
     ],
 )
 def test_the_folder_of_something_older_is_refused(tmp_path, change, message):
-    Folder.prepare(tmp_path, ["push_button_times"], "train")
+    folder = Folder.prepare(tmp_path, ["push_button_times"], "train")
+    folder.file(SPEC).parent.mkdir()
+    folder.file(SPEC).touch()
     index = tmp_path / "demos.json"
     index.write_text(json.dumps(json.loads(index.read_text()) | change))
     before = index.read_text()
@@ -192,6 +194,17 @@ def test_the_folder_of_something_older_is_refused(tmp_path, change, message):
         Folder.prepare(tmp_path, ["push_button_times"], "train")
 
     assert index.read_text() == before
+
+
+def test_deleted_demonstrations_of_older_sources_are_recorded_again(tmp_path):
+    Folder.prepare(tmp_path, ["push_button_times"], "train")
+    index = tmp_path / "demos.json"
+    now = json.loads(index.read_text())
+    index.write_text(json.dumps(now | {"sources": {"push_button_times": "0"}}))
+
+    Folder.prepare(tmp_path, ["push_button_times"], "train")
+
+    assert json.loads(index.read_text()) == now
 
 
 def test_a_folder_of_something_else_is_left_alone(tmp_path):
