@@ -1,11 +1,11 @@
 """A branch sees images and says where: a trunk, a decoder, and a summary for the other heads."""
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from torch import Tensor, nn
 
-from seek_model import heatmaps
-from seek_model.config import ConvFilm, Model, PatchTransformer
+from seek_model import heatmaps, named_colors
+from seek_model.config import ConvFilm, Model, PatchTransformer, Views
 from seek_model.conv_film import ConvFilmTrunk, PyramidDecoder
 from seek_model.patch_transformer import PatchTrunk
 from seek_model.sam2_encoder import Sam2Encoder
@@ -18,12 +18,19 @@ FINGERS = 3
 CLOCK = 1  # more, where the clock is told
 
 
+def cameras_of(views: Views) -> VirtualCameras:
+    """The cameras of a configuration."""
+    return VirtualCameras(views.count, views.size, views.layers, views.behind)
+
+
 def make_trunk(model: Model, words: int, encoder: Sam2Encoder | None) -> Trunk:
     """The trunk of a configuration; `encoder` is SAM 2's, which both branches share."""
     fingers = FINGERS + CLOCK * model.clock
     backbone = model.backbone
     if isinstance(backbone, ConvFilm):
-        return ConvFilmTrunk(backbone, model.views, words, fingers)
+        pixels = cameras_of(model.views).channels
+        pixels += named_colors.channels(model.language.colors, model.views.layers)
+        return ConvFilmTrunk(backbone, model.views, words, fingers, pixels)
     if isinstance(backbone, PatchTransformer):
         return PatchTrunk(backbone, model.views, words, fingers)
     assert encoder is not None
@@ -47,9 +54,21 @@ class Branch(nn.Module):
 
     def __init__(self, model: Model, words: int, encoder: Sam2Encoder | None):
         super().__init__()
-        self.cameras = VirtualCameras(model.views.count, model.views.size)
+        self.cameras = cameras_of(model.views)
         self.trunk = make_trunk(model, words, encoder)
         self.decoder = make_decoder(model, self.trunk)
+
+    def images(
+        self,
+        points: Float[Tensor, "p 3"],
+        colors: Float[Tensor, "p 3"],
+        owner: Int[Tensor, " p"],
+        frames: int,
+        named: Float[Tensor, "f n 4"] | None,
+    ) -> Float[Tensor, "f v c s s"]:
+        """What the trunk sees of frames; `named` are the colours of their instructions, if told."""
+        found = self.cameras.render(points, colors, owner, frames)
+        return found if named is None else named_colors.compared(found, named, self.cameras.red)
 
     @property
     def summary_channels(self) -> int:

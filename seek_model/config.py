@@ -32,6 +32,8 @@ class Views(_Config):
     zoom: Size = 4.0  # of the second look: a crop of 1 m / zoom
     points: Positive = 32768  # the most that are kept of one cloud
     voxel: Annotated[float, Field(ge=0.0)] = 0.005  # m; one point of a voxel is kept; 0 keeps all
+    layers: Literal[1, 2] = 1  # 2: the farthest points of each view as well as the nearest
+    behind: bool = False  # does the second look show what is behind its crop?
 
 
 class ConvFilm(_Config):
@@ -99,6 +101,7 @@ class Language(_Config):
     tokens: Positive = 24  # of `words`; the others have their own (77, 32)
     weights: str = ""  # a file of CLIP's text encoder; minilm: empty for its package
     vocabulary: str = ""  # CLIP's file of merges
+    colors: Annotated[int, Field(ge=0, le=4)] = 0  # named ones that are told with the pixels
 
 
 class Memory(_Config):
@@ -154,6 +157,13 @@ class Model(_Config):
         needed = {"multires": "sam2", "pyramid": "conv_film"}.get(self.decoder)
         if needed and self.backbone.kind != needed:
             raise ValueError(f"decoder = {self.decoder} needs backbone.kind = {needed}")
+        more = {
+            "views.layers": self.views.layers > 1,
+            "views.behind": self.views.behind,
+            "language.colors": self.language.colors > 0,
+        }
+        for name in (name for name, on in more.items() if on and self.backbone.kind != "conv_film"):
+            raise ValueError(f"{name} needs backbone.kind = conv_film")
         return self
 
 
@@ -194,7 +204,7 @@ class Train(_Config):
     first: Phase = Phase(steps=5600, horizon=5600, warmup=300, batch=32)
     # Memory is read by the coarse branch alone; the fine one stays as the first phase left it.
     second: Phase = Phase(
-        steps=320, horizon=320, warmup=30, batch=16, frames=7, rate=1e-3, decay=0.0,
+        steps=480, horizon=480, warmup=30, batch=16, frames=7, rate=1e-3, decay=0.0,
         freeze=("encoder", "fine"), loss="coarse",
     )  # fmt: skip
     archive: Literal["prefix", "literal"] = "prefix"  # models.md A1: c, a

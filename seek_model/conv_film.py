@@ -15,8 +15,7 @@ from torch import Tensor, nn
 from seek_model.attention import attend
 from seek_model.config import ConvFilm, Views
 from seek_model.trunk import Decoded, Seen, Words
-
-PIXEL_CHANNELS = 10
+from seek_model.views import CHANNELS
 
 
 class Level(nn.Module):
@@ -39,9 +38,9 @@ class Level(nn.Module):
 class Pyramid(nn.Module):
     """Images to levels of features, the finest first."""
 
-    def __init__(self, config: ConvFilm, told: int):
+    def __init__(self, config: ConvFilm, told: int, pixels: int):
         super().__init__()
-        channels = (PIXEL_CHANNELS, *config.widths)
+        channels = (pixels, *config.widths)
         self.levels = nn.ModuleList(
             Level(before, width, told) for before, width in pairwise(channels)
         )
@@ -77,14 +76,16 @@ class Layer(nn.Module):
 
 
 class ConvFilmTrunk(nn.Module):
-    """A trunk (`trunk.Trunk`)."""
+    """A trunk (`trunk.Trunk`); `pixels` is the number of an image's channels."""
 
-    def __init__(self, config: ConvFilm, views: Views, words: int, fingers: int):
+    def __init__(
+        self, config: ConvFilm, views: Views, words: int, fingers: int, pixels: int = CHANNELS
+    ):
         super().__init__()
         self.channels, self.cells = config.channels, views.size // config.stride
         self.skip_channels = config.widths[:-1]
         self.backbone_channels = config.widths[-1]
-        self.encoder = Pyramid(config, words + fingers)
+        self.encoder = Pyramid(config, words + fingers, pixels)
         self.lift = nn.Conv2d(config.widths[-1], config.channels, 1)
         self.words = nn.Linear(words, config.channels)
         self.position = nn.Parameter(
@@ -95,7 +96,7 @@ class ConvFilmTrunk(nn.Module):
         )
 
     def forward(
-        self, images: Float[Tensor, "f v 10 s s"], words: Words, fingers: Float[Tensor, "f p"]
+        self, images: Float[Tensor, "f v c s s"], words: Words, fingers: Float[Tensor, "f p"]
     ) -> Seen:
         frames, views = images.shape[:2]
         told = torch.cat([words.pooled, fingers], dim=-1).repeat_interleave(views, dim=0)

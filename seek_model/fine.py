@@ -42,11 +42,15 @@ class FineBranch(Branch):
         words: Words,
         fingers: Float[Tensor, "f q"],
         center: Float[Tensor, "f 3"],
+        named: Float[Tensor, "f n 4"] | None,
         taught: tuple[Float[Tensor, "f 3"], Int[Tensor, "f 3"]] | None = None,
     ) -> Fine:
-        """The action about `center`; `taught` is the true position and rotation, in training."""
+        """The action about `center`; `taught` is the true position and rotation, in training.
+
+        `named` are the colours of the instructions, if they are told.
+        """
         near = zoomed(points, owner, center, self.zoom)
-        images = self.cameras.render(near, colors, owner, len(center))
+        images = self.images(near, colors, owner, len(center), named)
         seen = self.trunk(images, words, fingers)
         logits = self.decoder(seen.features, seen.skips).logits
         if taught:

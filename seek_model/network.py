@@ -14,6 +14,7 @@ from jaxtyping import Float, Int
 from torch import Tensor, nn
 from torch.nn import Parameter
 
+from seek_model import named_colors
 from seek_model.clip_text import ClipText
 from seek_model.clouds import SCALE
 from seek_model.coarse import Coarse, CoarseBranch, Pending, Teacher, joined
@@ -197,15 +198,21 @@ class Network(nn.Module):
 
     def _see(self, frames: Frames, rows: Rows) -> Seen:
         owner, shown = _owners(frames, rows)
-        images = self.coarse.cameras.render(
-            frames.points[shown], frames.colors[shown], owner, len(rows.step)
-        )
+        points, colors = frames.points[shown], frames.colors[shown]
+        named = self._named(frames, rows)
+        images = self.coarse.images(points, colors, owner, len(rows.step), named)
         words = self._words(frames, rows)
         return self.coarse.trunk(images, words, self._fingers(frames, rows))
 
     def _words(self, frames: Frames, rows: Rows) -> Words:
         read = self.language(frames.instructions)
         return Words(*(part[rows.sequence] for part in read))
+
+    def _named(self, frames: Frames, rows: Rows) -> Float[Tensor, "f n 4"] | None:
+        if not self.model.language.colors:
+            return None
+        told = named_colors.named(frames.instructions, self.model.language.colors)
+        return told.to(rows.sequence.device)[rows.sequence]
 
     def _fingers(self, frames: Frames, rows: Rows) -> Float[Tensor, "f p"]:
         fingers = frames.fingers[rows.sequence, rows.step]
@@ -221,7 +228,8 @@ class Network(nn.Module):
         owner, shown = _owners(frames, rows)
         points, colors = frames.points[shown], frames.colors[shown]
         words, fingers = self._words(frames, rows), self._fingers(frames, rows)
-        return self.fine.decide(points, colors, owner, words, fingers, center, taught)
+        named = self._named(frames, rows)
+        return self.fine.decide(points, colors, owner, words, fingers, center, named, taught)
 
     def _joint_features(self) -> int:
         decoder = self.coarse.decoder

@@ -26,7 +26,7 @@ CLOCK = "+clock"
 
 # --- small: from scratch, on two processor cores ---
 
-_SMALL = Model(stop=True)
+_SMALL = Model(stop=True, views=Views(layers=2, behind=True), language=Language(colors=2))
 _SMALL_MEMORY = Memory(layers=2, feedforward=256, channels=48, dropout=0.0, colocation=True)
 
 # --- paper: SEEK's table of hyperparameters, RVT's and SAM2Act's configurations ---
@@ -76,7 +76,7 @@ def _small(name: str, **model: object) -> Config:
 
 
 def _rvt_small() -> Config:
-    views = Views(count=5, stages=1)
+    views = _SMALL.views.model_copy(update={"count": 5, "stages": 1})
     return _small("rvt-small", views=views, decoder="conv", head="rvt")
 
 

@@ -60,7 +60,7 @@ class Cut:
 
 
 class Sampler:
-    """Random sequences: a task, one of its episodes, then a window, each drawn uniformly.
+    """Random sequences: a task and one of its episodes, each drawn uniformly, then a window.
 
     `phase.batch` counts the sequences of all processes; each has every `world`th of them, so the
     number of processes does not change what is learnt from.
@@ -93,11 +93,21 @@ class Sampler:
         task = self.tasks[rng.integers(len(self.tasks))]
         episodes = self.store.episodes(task, "train")
         episode = episodes[rng.integers(len(episodes))]
-        start = int(rng.integers(max(0, episode.keyframes - self.phase.frames) + 1))
-        stop = min(start + self.phase.frames, episode.keyframes)
+        start, stop = self._window(episode.keyframes, rng)
         first = 0 if self.archive else start
         cut = Cut(self.store.part(task, "train"), episode, first, start, stop)
         return cut.placed(self.config.augment, rng)
+
+    def _window(self, keyframes: int, rng: np.random.Generator) -> tuple[int, int]:
+        """Consecutive decisions; one that would reach beyond an end is moved to it.
+
+        So the first and the last are in as many windows as the others, about: the last is where
+        everything that was counted tells.
+        """
+        wanted = self.phase.frames
+        start = int(rng.integers(1 - wanted, keyframes))
+        start = min(max(start, 0), max(keyframes - wanted, 0))
+        return start, min(start + wanted, keyframes)
 
 
 def _tasks(store: Store, wanted: Sequence[str]) -> tuple[str, ...]:

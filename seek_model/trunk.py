@@ -1,6 +1,7 @@
 """What a trunk and a decoder are: images to features, and features to heat maps.
 
-f frames, v views, s pixels a side, d channels, h = w cells a side, e sequences, l words.
+f frames, v views, c channels of a pixel, s pixels a side, d channels, h = w cells a side,
+e sequences, l words.
 """
 
 from collections.abc import Iterator
@@ -54,7 +55,7 @@ class Trunk(_Module, Protocol):
 
     def __call__(
         self,
-        images: Float[Tensor, "f v 10 s s"],
+        images: Float[Tensor, "f v c s s"],
         words: Words,
         fingers: Float[Tensor, "f p"],
     ) -> Seen:

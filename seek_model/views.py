@@ -2,8 +2,12 @@
 
 Pixel i covers [i, i + 1) and has its centre at i + 0.5. f frames, v views, p points, s pixels.
 
-Points outside of the cube are not drawn. RVT-2's renderer, whose images these follow, draws those
-behind a camera in front of all others, which in its zoomed look are most of the scene.
+Points outside of the cube are not drawn, unless those behind it are asked for: a zoomed look at a
+place in the air then shows what it is above. (RVT-2's renderer, whose images these follow, draws
+what is behind a camera in front of all others, which in its zoomed look is most of the scene.)
+
+A second layer shows the farthest points of the cube, as the opposite camera would see them: what is
+inside a cabinet, or on the table under what is lifted.
 """
 
 import math
@@ -18,6 +22,9 @@ from torch import Tensor
 from torch.nn import functional
 
 CHANNELS = 10  # x y z, r g b, depth, and where the pixel is: view, row, column
+LAYER = 7  # more for the second layer: x y z, r g b, depth
+RED = 3  # the channel within a layer where its colours begin
+BEYOND = 1.5  # positions behind the cube are told as if they were no farther than this
 SPLAT = 0.012  # radius of a point, in the cube (RVT-2); never less than one pixel
 LEVELS = 1000  # steps of depth a unit of the cube that are told apart (RVT-2), 0.5 mm each
 CHUNK = 300_000  # points that are drawn at a time: what is calculated of them fits a cache
@@ -51,6 +58,18 @@ class VirtualCameras:
 
     count: int
     size: int
+    layers: int = 1  # 2: the farthest points as well
+    behind: bool = False  # are points behind the cube drawn, where nothing in it is?
+
+    @property
+    def channels(self) -> int:
+        """Of an image."""
+        return CHANNELS + LAYER * (self.layers - 1)
+
+    @property
+    def red(self) -> tuple[int, ...]:
+        """The channels where the colours of a layer begin."""
+        return (RED, CHANNELS + RED)[: self.layers]
 
     @property
     def looks(self) -> tuple[Look, ...]:
@@ -71,49 +90,69 @@ class VirtualCameras:
         colors: Float[Tensor, "p 3"],
         owner: Int[Tensor, " p"],
         frames: int,
-    ) -> Float[Tensor, "f v 10 s s"]:
+    ) -> Float[Tensor, "f v c s s"]:
         """Images of the points of each frame; `colors` are 0 to 1, `owner` is a point's frame.
 
         Depth is in units of the cube less the mean of its image. A pixel that shows nothing has
         depth -1, position 0 and colour 0.
         """
         points, colors = points.float(), colors.float()
-        nearest = self._splatted(self._nearest(points, owner, frames))
-        empty = nearest == EMPTY
-        shown = (nearest % max(len(points), 1)).masked_fill_(empty, len(points))
+        sides = (self.size, self.size)
+        images = points.new_empty(frames, self.count, self.channels, *sides)
+        images[:, :, LAYER:CHANNELS] = self._places(points)
         table = functional.pad(torch.cat([points, colors], dim=1), (0, 0, 0, 1))
-        images = points.new_empty(frames, self.count, CHANNELS, self.size, self.size)
-        images[:, :, :6] = rearrange(table[shown], "f v h w c -> f v c h w")
-        images[:, :, 6] = self._depth(images[:, :, :3], empty)
-        images[:, :, 7:] = self._places(points)
+        for layer in range(self.layers):
+            begin = CHANNELS * layer
+            nearest = self._splatted(self._nearest(points, owner, frames, far=layer == 1))
+            empty = nearest == EMPTY
+            shown = (nearest % max(len(points), 1)).masked_fill_(empty, len(points))
+            seen = rearrange(table[shown], "f v h w c -> f v c h w")
+            seen[:, :, :3].clamp_(-BEYOND, BEYOND)
+            images[:, :, begin : begin + LAYER - 1] = seen
+            images[:, :, begin + LAYER - 1] = self._depth(seen[:, :, :3], empty)
         return images
 
     def _nearest(
-        self, points: Float[Tensor, "p 3"], owner: Int[Tensor, " p"], frames: int
+        self,
+        points: Float[Tensor, "p 3"],
+        owner: Int[Tensor, " p"],
+        frames: int,
+        *,
+        far: bool,
     ) -> Int[Tensor, "f v s s"]:
-        """Per pixel the least of level * p + number of a point: the nearest, then the first."""
+        """Per pixel the least of level * p + number of a point: the nearest, then the first.
+
+        `far`: as seen from behind, the farthest.
+        """
         nearest = torch.full(
             (frames * self.count * self.size**2,), EMPTY, dtype=torch.int64, device=points.device
         )
         for first in range(0, len(points), CHUNK):
             part = slice(first, first + CHUNK)
-            pixel, depth, number = self._placed(points[part], owner[part])
+            pixel, depth, number = self._placed(points[part], owner[part], far=far)
             keys = (depth * LEVELS).long() * len(points) + (number + first)
-            nearest.scatter_reduce_(0, pixel.flatten(), keys.flatten(), "amin")
+            nearest.scatter_reduce_(0, pixel, keys, "amin")
         return nearest.view(frames, self.count, self.size, self.size)
 
     def _placed(
-        self, points: Float[Tensor, "p 3"], owner: Int[Tensor, " p"]
-    ) -> tuple[Int[Tensor, "v n"], Float[Tensor, "v n"], Int[Tensor, " n"]]:
-        """Where the points that are in the cube are drawn, how deep, and which they are."""
-        number = (points.abs() <= 1).all(dim=1).nonzero()[:, 0]
-        inside = points[number]
-        pixels = self.project(inside).long().clamp_(max=self.size - 1)
+        self, points: Float[Tensor, "p 3"], owner: Int[Tensor, " p"], *, far: bool
+    ) -> tuple[Int[Tensor, " n"], Float[Tensor, " n"], Int[Tensor, " n"]]:
+        """Where points are drawn, in all views, how deep, and which they are."""
+        behind = self.behind and not far
+        within = points.abs() <= 1
+        number = (within.sum(dim=1) >= (2 if behind else 3)).nonzero()[:, 0]
+        near = points[number]
+        pixels = self.project(near).long().clamp_(min=0, max=self.size - 1)
         column, row = rearrange(pixels, "n v two -> two v n")
-        depth = _along(inside, [look.forward for look in self.looks]) + 1
+        depth = _along(near, [look.forward for look in self.looks]) + 1
         view = torch.arange(self.count, device=points.device)[:, None]
         pixel = ((owner[number] * self.count + view) * self.size + row) * self.size + column
-        return pixel, depth, number
+        number = number.expand_as(pixel)
+        if behind:
+            across = [within[:, [look.right[0], look.down[0]]].all(dim=1) for look in self.looks]
+            seen = torch.stack(across)[:, number[0]] & (depth >= 0)
+            return pixel[seen], depth[seen], number[seen]
+        return pixel.flatten(), (2 - depth if far else depth).flatten(), number.flatten()
 
     def _splatted(self, nearest: Int[Tensor, "f v s s"]) -> Int[Tensor, "f v s s"]:
         """A pixel shows the nearest of the points within a splat's radius of it."""
