@@ -295,14 +295,14 @@ def _sliced(seen: Seen, part: slice) -> Seen:
     return Seen(seen.features[part], skips, seen.backbone[part])
 
 
-def _owners(frames: Frames, rows: Rows) -> tuple[Tensor, Tensor]:
+def _owners(frames: Frames, rows: Rows) -> tuple[Tensor, Tensor | slice]:
     """The rows of points, and which points have one."""
     sequences, steps = frames.shape
     row = rows.sequence.new_full((sequences * steps,), -1)
     row[rows.sequence * steps + rows.step] = torch.arange(len(rows.step), device=row.device)
-    owner = row[frames.owner]
+    owner = row.index_select(0, frames.owner)
     shown = owner >= 0
-    return owner[shown], shown
+    return (owner, slice(None)) if shown.all() else (owner[shown], shown)
 
 
 def _body(frames: Frames, rows: Rows) -> Float[Tensor, "f 10"]:

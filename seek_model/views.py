@@ -106,7 +106,8 @@ class VirtualCameras:
             nearest = self._splatted(self._nearest(points, owner, frames, far=layer == 1))
             empty = nearest == EMPTY
             shown = (nearest % max(len(points), 1)).masked_fill_(empty, len(points))
-            seen = rearrange(table[shown], "f v h w c -> f v c h w")
+            seen = table.index_select(0, shown.flatten()).view(*shown.shape, -1)
+            seen = rearrange(seen, "f v h w c -> f v c h w")
             seen[:, :, :3].clamp_(-BEYOND, BEYOND)
             images[:, :, begin : begin + LAYER - 1] = seen
             images[:, :, begin + LAYER - 1] = self._depth(seen[:, :, :3], empty)
@@ -141,17 +142,23 @@ class VirtualCameras:
         behind = self.behind and not far
         within = points.abs() <= 1
         number = (within.sum(dim=1) >= (2 if behind else 3)).nonzero()[:, 0]
-        near = points[number]
+        near = points.index_select(0, number)
         pixels = self.project(near).long().clamp_(min=0, max=self.size - 1)
         column, row = rearrange(pixels, "n v two -> two v n")
         depth = _along(near, [look.forward for look in self.looks]) + 1
         view = torch.arange(self.count, device=points.device)[:, None]
-        pixel = ((owner[number] * self.count + view) * self.size + row) * self.size + column
+        image = owner.index_select(0, number) * self.count + view
+        pixel = (image * self.size + row) * self.size + column
         number = number.expand_as(pixel)
         if behind:
-            across = [within[:, [look.right[0], look.down[0]]].all(dim=1) for look in self.looks]
-            seen = torch.stack(across)[:, number[0]] & (depth >= 0)
-            return pixel[seen], depth[seen], number[seen]
+            x, y, z = within.index_select(0, number[0]).unbind(dim=1)
+            across = {0: y & z, 1: x & z, 2: x & y}  # by the axis that a view looks along
+            seen = torch.stack([across[look.forward[0]] for look in self.looks]) & (depth >= 0)
+            drawn = seen.flatten().nonzero()[:, 0]
+            pixel, depth, number = (
+                one.flatten().index_select(0, drawn) for one in (pixel, depth, number)
+            )
+            return pixel, depth, number
         return pixel.flatten(), (2 - depth if far else depth).flatten(), number.flatten()
 
     def _splatted(self, nearest: Int[Tensor, "f v s s"]) -> Int[Tensor, "f v s s"]:
