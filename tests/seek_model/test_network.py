@@ -7,7 +7,16 @@ from torch import Tensor
 
 from seek_model import losses, optim
 from seek_model.clouds import SCALE
-from seek_model.config import ConvFilm, Memory, Model, Phase, Train, Views
+from seek_model.config import (
+    ConvFilm,
+    Language,
+    Memory,
+    Model,
+    PatchTransformer,
+    Phase,
+    Train,
+    Views,
+)
 from seek_model.frames import Frames
 from seek_model.memory import Archive
 from seek_model.network import Network, Predictions
@@ -337,6 +346,11 @@ def test_a_model_whose_parts_do_not_fit_is_refused() -> None:
         Model(views=Views(size=20), backbone=ConvFilm(widths=(8, 8, 8)))
     with pytest.raises(ValueError, match="single stage"):
         Model(views=Views(size=64, stages=1))
+    patches = {"backbone": PatchTransformer(patch=8), "decoder": "convex"}
+    with pytest.raises(ValueError, match=r"views\.layers needs backbone\.kind = conv_film"):
+        Model(views=Views(layers=2), **patches)
+    with pytest.raises(ValueError, match=r"language\.colors needs"):
+        Model(language=Language(colors=1), **patches)
 
 
 def test_what_starts_anew_with_memory_is_trained_where_all_else_is_frozen() -> None:

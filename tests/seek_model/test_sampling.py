@@ -114,6 +114,17 @@ def test_every_window_is_drawn_the_last_one_included(whole):
     assert {(cut.start, cut.stop) for cut in cuts} == {(s, s + 4) for s in range(6)}
 
 
+def test_windows_reach_the_ends_of_an_episode_more_often_than_by_chance(whole):
+    """Where a count is complete tells most, and only the last window holds it."""
+    whole_sampler = sampler(whole, tasks=("open",))
+    cuts = [whole_sampler.cut(step, 0) for step in range(600)]
+
+    held = np.array([sum(cut.start <= k < cut.stop for cut in cuts) / 600 for k in range(9)])
+
+    assert held[[0, -1]] == pytest.approx(4 / 12, abs=0.08)  # of six windows, each as likely: 1/6
+    assert held.min() > 0.25
+
+
 def test_every_keyframe_is_drawn_alone(whole):
     cuts = [sampler(whole, SINGLE, tasks=("open",)).cut(step, 0) for step in range(150)]
 

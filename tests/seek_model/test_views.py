@@ -194,6 +194,51 @@ def test_many_frames_at_once_are_each_frame_alone():
 
 
 @settings(max_examples=30)
+@given(cloud=st.lists(POINT, min_size=1, max_size=20).map(torch.stack))
+def test_the_second_layer_is_what_the_opposite_camera_sees(cloud):
+    """Of distinct depths: the nearest from behind is the farthest from here."""
+    colors = torch.rand(cloud.shape)
+    both = rendered(VirtualCameras(5, 8, layers=2), cloud, colors)[0]
+    back, left = (mirrored(both[view, :7]) for view in (3, 4))
+
+    assert both.shape[1] == 17
+    torch.testing.assert_close(both[:, :10], rendered(VirtualCameras(5, 8), cloud, colors)[0])
+    if apart(cloud):
+        torch.testing.assert_close(both[1, 10:16], back[:6])
+        torch.testing.assert_close(both[2, 10:16], left[:6])
+
+
+def mirrored(image):
+    return image.flip(-1)
+
+
+def apart(cloud):
+    """True if no two points are so near in depth that the first of them is shown."""
+    gaps = (cloud[:, None] - cloud).abs() + 9 * torch.eye(len(cloud))[..., None]
+    edges = ((cloud + 1) * 4 - ((cloud + 1) * 4).round()).abs()
+    return bool(gaps.min() > 0.002) and bool(edges.min() > 1e-3)
+
+
+def test_what_is_behind_the_cube_is_shown_where_nothing_in_it_is():
+    points = torch.tensor([[0.0, 0.0, -3.0], [0.5, 0.5, -3.0], [0.5, 0.5, 0.5], [0.0, 0.0, 1.1]])
+    colors = torch.tensor([[1.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
+
+    top, front, right = rendered(VirtualCameras(3, 8, behind=True), points, colors)[0]
+
+    assert top[3:6, 4, 4].tolist() == [1.0, 0.0, 0.0]  # far below; what is above is not drawn
+    assert top[2, 4, 4] == -1.5  # told as if it were near
+    assert top[3:6, 2, 6].tolist() == [0.0, 1.0, 0.0]
+    assert front[3].max() == right[3].max() == 0  # beside their images
+
+
+def test_without_it_nothing_behind_the_cube_is_shown():
+    below = torch.tensor([[0.0, 0.0, -3.0]])
+
+    assert not rendered(VirtualCameras(3, 8), below)[:, :, :6].any()
+    assert not rendered(VirtualCameras(3, 8, layers=2, behind=True), below)[:, :, 10:16].any()
+
+
+@settings(max_examples=30)
 @given(point=POINT, center=POINT, zoom=st.floats(1.0, 8.0))
 def test_a_zoomed_point_comes_back(point, center, zoom):
     near = zoomed(point[None], torch.tensor([0]), center[None], zoom)
