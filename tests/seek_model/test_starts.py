@@ -102,7 +102,9 @@ def test_with_the_clock_nothing_else_may_differ(
 
 def test_another_trunk_is_not_widened_for_the_clock(first: Path, tmp_path: Path) -> None:
     backbone = PatchTransformer(patch=4, channels=16, width=16, depth=2, heads=2)
-    model = with_model(reduced("sam2act-small"), backbone=backbone, decoder="convex")
+    small = reduced("sam2act-small")
+    views = small.model.views.model_copy(update={"layers": 1, "behind": False})
+    model = with_model(small, backbone=backbone, decoder="convex", views=views)
     path = tmp_path / "patches.safetensors"
     weights = checkpoint.weights(Network(model.model))
     checkpoint.save(path, weights, model, checkpoint.load(first)[2].provenance)

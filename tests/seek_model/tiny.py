@@ -18,7 +18,7 @@ def tiny(name: str = "seek-small", **memory: object) -> Config:
     small = {
         "views": views,
         "backbone": ConvFilm(widths=(8, 8), channels=16, depth=1, heads=2),
-        "language": Language(channels=8, tokens=8),
+        "language": Language(channels=8, tokens=8, colors=config.model.language.colors),
     }
     if config.model.memory:
         stages = min(config.model.memory.stages, 8)
