@@ -104,7 +104,9 @@ def test_another_trunk_is_not_widened_for_the_clock(first: Path, tmp_path: Path)
     backbone = PatchTransformer(patch=4, channels=16, width=16, depth=2, heads=2)
     small = reduced("sam2act-small")
     views = small.model.views.model_copy(update={"layers": 1, "behind": False})
-    model = with_model(small, backbone=backbone, decoder="convex", views=views)
+    language = small.model.language.model_copy(update={"colors": 0})
+    plain = {"views": views, "language": language}
+    model = with_model(small, backbone=backbone, decoder="convex", **plain)
     path = tmp_path / "patches.safetensors"
     weights = checkpoint.weights(Network(model.model))
     checkpoint.save(path, weights, model, checkpoint.load(first)[2].provenance)
