@@ -218,12 +218,18 @@ def test_demonstrations_by_other_sources_are_left_alone(capfd, tmp_path: Path) -
     document = {"format": 1, "suite": "hide", "version": 1, "splits": ["train"]}
     index = json.dumps(document | {"sources": {"push_button_times": "0" * 64}})
     (tmp_path / "demos.json").write_text(index)
+    older = tmp_path / "push_button_times" / "train-000.npz"
+    older.parent.mkdir()
+    older.touch()
 
     status, output, errors = hide(capfd, *asked)
 
     assert (status, output) == (2, "")
     assert "holds demonstrations of push_button_times by another version of the sources" in errors
-    assert contents(tmp_path) == {"demos.json": index.encode()}
+    assert contents(tmp_path) == {
+        "demos.json": index.encode(),
+        "push_button_times/train-000.npz": b"",
+    }
 
 
 def test_the_doctor_finds_this_machine_fit(capfd) -> None:
