@@ -101,8 +101,8 @@ class Sampler:
     def _window(self, keyframes: int, rng: np.random.Generator) -> tuple[int, int]:
         """Consecutive decisions; one that would reach beyond an end is moved to it.
 
-        So the first and the last are in as many windows as the others, about: the last is where
-        everything that was counted tells.
+        Were all windows as likely, the last decision, where everything that was counted tells,
+        would be in the fewest of them.
         """
         wanted = self.phase.frames
         start = int(rng.integers(1 - wanted, keyframes))

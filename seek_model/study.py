@@ -87,9 +87,10 @@ TINY = Study(
     name="tiny",
     runs=(
         _SHARED,
-        *_second("seek", "seek-small"),
+        *_second("seek", "seek-small", SEEDS[:2]),
         *_second("twin", "sam2act-small"),
         *_ablated("scm"),
+        *_second("twin-clock", f"sam2act-small{CLOCK}"),
     ),
     tasks=("push_button_times", "reopen_drawer", "search_cup_from_cabinet"),  # one a category
     demonstrations={"train": 2, "val": 1},

@@ -103,7 +103,10 @@ class VirtualCameras:
         table = functional.pad(torch.cat([points, colors], dim=1), (0, 0, 0, 1))
         for layer in range(self.layers):
             begin = CHANNELS * layer
-            nearest = self._splatted(self._nearest(points, owner, frames, far=layer == 1))
+            nearest = self._nearest(points, owner, frames, far=layer == 1)
+            splatted = self._splatted(nearest)
+            # Splats of a table would cover what lies flat on it: they fill the far layer's gaps.
+            nearest = splatted if layer == 0 else torch.where(nearest == EMPTY, splatted, nearest)
             empty = nearest == EMPTY
             shown = (nearest % max(len(points), 1)).masked_fill_(empty, len(points))
             seen = table.index_select(0, shown.flatten()).view(*shown.shape, -1)

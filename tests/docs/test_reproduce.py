@@ -63,13 +63,13 @@ def test_other_weights_than_those_that_were_played_are_played(
 ) -> None:
     studies.trained(TINY, tmp_path)
     studies.measured(TINY, tmp_path / "data")
-    there = TINY.run("seek-s0")
+    there = TINY.run("seek-s1")
     header = studies.header(there).replace(b'\\"seconds\\":1800.0', b'\\"seconds\\":1801.0')
-    (tmp_path / "runs" / "seek-s0" / "checkpoint.safetensors").write_bytes(header)
+    (tmp_path / "runs" / "seek-s1" / "checkpoint.safetensors").write_bytes(header)
 
     _, output, _ = said(capfd, monkeypatch, "--tiny", "--plan", "--out", tmp_path)
 
-    assert " 1 × evaluation (seek-s0):" in output
+    assert " 1 × evaluation (seek-s1):" in output
 
 
 def test_some_of_it_is_asked_for_by_name(
@@ -110,7 +110,7 @@ def test_weights_of_another_run_are_refused(
     capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     studies.trained(TINY, tmp_path)
-    other = studies.header(FULL.run("seek-s1"))
+    other = studies.header(TINY.run("seek-s1"))
     (tmp_path / "runs" / "seek-s0" / "checkpoint.safetensors").write_bytes(other)
 
     status, _, errors = said(capfd, monkeypatch, "--tiny", "--plan", "--out", tmp_path)
@@ -217,6 +217,7 @@ def test_the_whole_chain_goes_on_wherever_it_is_killed(tmp_path: Path) -> None:
     assert list(found["runs"]) == [run.name for run in TINY.measured]
     assert list(found["references"]) == ["expert", "amnesiac"]
     assert found["success"]["rates"]["seek"]["overall"]["episodes"] == 3
+    assert found["success"]["clocked"]["differences"].keys() == {"twin-clock"}
     page = (out / "tables" / "results.md").read_text()
     assert "Missing" not in page
     assert {path.stem for path in (out / "tables" / "curves").glob("*")} == {
