@@ -19,7 +19,7 @@ from hide_tasks.amnesiac import Amnesiac, Mix, signature
 from hide_tasks.automaton import Automaton, Verdict, explore
 from hide_tasks.bullet.world import World
 from hide_tasks.choices import Choices
-from hide_tasks.contract import CAMERAS, EpisodeResult, EpisodeSpec, Variation
+from hide_tasks.contract import EpisodeResult, EpisodeSpec, Variation
 from hide_tasks.episode import play
 from hide_tasks.likeness import likeness
 from hide_tasks.mixing import best_mix
@@ -117,7 +117,7 @@ def compared(why: str, first: Point, second: Point) -> dict[str, Any]:
     distance = likeness(first.observation, second.observation)
     return {
         "why": why,
-        "pixels": {name: round(distance.pixels[name], 6) for name in CAMERAS},
+        "pixels": {name: round(share, 6) for name, share in distance.pixels.items()},
         "joints": round(distance.joints, 9),
         "hidden": [first.hidden, second.hidden],
         "next": [_place(first), _place(second)],
@@ -140,7 +140,9 @@ def _merged(reports: Sequence[Sequence[dict[str, Any]]]) -> list[dict[str, Any]]
     return [
         {
             **pairs[0],
-            "pixels": {name: max(pair["pixels"][name] for pair in pairs) for name in CAMERAS},
+            "pixels": {
+                name: max(pair["pixels"][name] for pair in pairs) for name in pairs[0]["pixels"]
+            },
             "joints": max(pair["joints"] for pair in pairs),
             "episodes": len(pairs),
             "verified": all(pair["verified"] for pair in pairs),

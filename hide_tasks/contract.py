@@ -21,7 +21,7 @@ IMAGE_SIZE = 128  # pixels, both ways
 CONTROL_HZ = 20  # rate of the dense action modes
 MAX_CHUNK = 200  # rows of one dense action: 10 s
 
-Split = Literal["train", "val", "test"]
+Split = Literal["train", "val", "test", "test100"]
 Rules = Literal["hide", "parity"]
 ActionMode = Literal["keyframe", "joint_position", "ee_delta"]
 
@@ -112,7 +112,7 @@ class CameraView:
 class Observation:
     """What a policy sees: no clock, no seed, no index, no variation, nothing hidden."""
 
-    views: Mapping[str, CameraView]  # one per name in CAMERAS
+    views: Mapping[str, CameraView]  # one per camera of the task, in the order of CAMERAS
     gripper_pose: NDArray[np.float64]  # (7,)
     gripper_opening: float  # 0 shut, 1 open (8 cm)
     joint_positions: NDArray[np.float64]  # (7,) rad

@@ -17,9 +17,9 @@ from typing import TYPE_CHECKING, Any, Self, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from hide_tasks import suite
+from hide_tasks import SUITES, load, suite
+from hide_tasks.catalogue import suite_of
 from hide_tasks.contract import (
-    CAMERAS,
     IMAGE_SIZE,
     Action,
     DecisionRecord,
@@ -42,12 +42,12 @@ FORMAT = 1
 INDEX = "demos.json"
 DEPTH_UNIT = 1e-4  # m of one step of a stored depth; 65535 of them are 6.5 m
 
-_IMAGE = (len(CAMERAS), IMAGE_SIZE, IMAGE_SIZE)
+_CAMERAS = -1  # as many as the task has
 _ARRAYS: dict[str, tuple[type[np.generic], tuple[int, ...]]] = {
-    "rgb": (np.uint8, (*_IMAGE, 3)),
-    "depth": (np.uint16, _IMAGE),
-    "intrinsics": (np.float64, (len(CAMERAS), 3, 3)),
-    "camera_to_world": (np.float64, (len(CAMERAS), 4, 4)),
+    "rgb": (np.uint8, (_CAMERAS, IMAGE_SIZE, IMAGE_SIZE, 3)),
+    "depth": (np.uint16, (_CAMERAS, IMAGE_SIZE, IMAGE_SIZE)),
+    "intrinsics": (np.float64, (_CAMERAS, 3, 3)),
+    "camera_to_world": (np.float64, (_CAMERAS, 4, 4)),
     "gripper_pose": (np.float64, (7,)),
     "gripper_opening": (np.float64, ()),
     "joint_positions": (np.float64, (7,)),
@@ -69,7 +69,7 @@ class DemosError(ValueError):
 class Demonstration:
     """An exact episode of the expert with n keyframes; row t of an array belongs to keyframe t.
 
-    Cameras come in the order of `CAMERAS`, poses are those of the contract.
+    Cameras come in the order of the task's, c of them; poses are those of the contract.
     """
 
     spec: EpisodeSpec
@@ -77,10 +77,10 @@ class Demonstration:
     result: EpisodeResult  # without timing
     stages: tuple[str, ...]  # the name of every keyframe's stage
     hidden: tuple[HiddenState, ...]  # before every keyframe
-    rgb: NDArray[np.uint8]  # (n, 4, h, w, 3)
-    depth: NDArray[np.uint16]  # (n, 4, h, w) in DEPTH_UNIT; 0 where there is none, or too far
-    intrinsics: NDArray[np.float64]  # (n, 4, 3, 3)
-    camera_to_world: NDArray[np.float64]  # (n, 4, 4, 4)
+    rgb: NDArray[np.uint8]  # (n, c, h, w, 3)
+    depth: NDArray[np.uint16]  # (n, c, h, w) in DEPTH_UNIT; 0 where there is none, or too far
+    intrinsics: NDArray[np.float64]  # (n, c, 3, 3)
+    camera_to_world: NDArray[np.float64]  # (n, c, 4, 4)
     gripper_pose: NDArray[np.float64]  # (n, 7) of the tip, before the keyframe
     gripper_opening: NDArray[np.float64]  # (n,) 0 shut, 1 open
     joint_positions: NDArray[np.float64]  # (n, 7) rad
@@ -101,7 +101,7 @@ class Demonstration:
         return self.result.instruction
 
     def metres(self, keyframe: int) -> NDArray[np.float32]:
-        """(4, h, w) depths before a keyframe along the optical axes; NaN where there is none."""
+        """(c, h, w) depths before a keyframe along the optical axes; NaN where there is none."""
         steps = self.depth[keyframe]
         return np.where(steps > 0, steps * np.float32(DEPTH_UNIT), np.float32(np.nan))
 
@@ -179,7 +179,7 @@ def record(spec: EpisodeSpec) -> Demonstration:
 
 def _seen(observations: Sequence[Observation]) -> dict[str, Any]:
     def images(part: str) -> list[list[NDArray[Any]]]:
-        return [[getattr(seen.views[name], part) for name in CAMERAS] for seen in observations]
+        return [[getattr(view, part) for view in seen.views.values()] for seen in observations]
 
     steps = np.round(np.array(images("depth"), np.float64) / DEPTH_UNIT)
     known = np.isfinite(steps) & (steps <= np.iinfo(np.uint16).max)
@@ -289,20 +289,22 @@ def _document(path: Path, text: str) -> dict[str, Any]:
 
 
 def _require_shapes(demonstration: Demonstration, path: Path) -> None:
-    count = len(demonstration.stages)
+    count, cameras = len(demonstration.stages), len(load(demonstration.spec.task).cameras)
     for name, (kind, shape) in _ARRAYS.items():
         array = getattr(demonstration, name)
-        if array.dtype != kind or array.shape != (count, *shape) or not count:
+        right = (count, *(cameras if size == _CAMERAS else size for size in shape))
+        if array.dtype != kind or array.shape != right or not count:
             raise DemosError(
                 f"{path}: {name} is {array.dtype} {array.shape}; "
-                f"expected {np.dtype(kind)} {(count, *shape)} with a row for every keyframe"
+                f"expected {np.dtype(kind)} {right} with a row for every keyframe"
             )
 
 
 def _require_suite(name: str, version: int, path: Path) -> None:
-    if (name, version) != (suite.SUITE, suite.VERSION):
+    if name not in SUITES or version != suite.VERSION:
+        known = ", ".join(f"{one} {suite.VERSION}" for one in SUITES)
         raise DemosError(
-            f"{path} is of suite {name} {version}, not {suite.SUITE} {suite.VERSION}. "
+            f"{path} is of suite {name} {version}; this build knows {known}. "
             "Record it again into another folder."
         )
 
@@ -317,6 +319,7 @@ class Folder:
     path: Path
     sources: dict[str, str]  # per task, the code that its episodes were recorded by
     splits: tuple[Split, ...]
+    suite: str = suite.SUITE  # that all its tasks are of
 
     @property
     def tasks(self) -> tuple[str, ...]:
@@ -337,7 +340,7 @@ class Folder:
                 raise DemosError(f"{path} is of format {held['format']}, not {FORMAT}.")
             _require_suite(held["suite"], held["version"], path)
             splits = tuple(split for split in get_args(Split) if split in held["splits"])
-            return cls(path, dict(held["sources"]), splits)
+            return cls(path, dict(held["sources"]), splits, held["suite"])
         except FileNotFoundError:
             hint = "`hide demos --out DIR` makes one."
             raise DemosError(f"{path} is no folder of demonstrations: no {INDEX}. {hint}") from None
@@ -353,10 +356,15 @@ class Folder:
         """The folder made, or the one that is there, ready for more of these tasks.
 
         Raises:
-            DemosError: it holds something else, or demonstrations by other sources.
+            DemosError: it holds something else, another suite, or demonstrations by other sources.
         """
         strangers = path.exists() and (not path.is_dir() or any(path.iterdir()))
-        there = cls.open(path) if strangers else cls(path, {}, ())
+        there = cls.open(path) if strangers else cls(path, {}, (), suite_of(tasks[0]))
+        if others := {suite_of(task) for task in tasks} - {there.suite}:
+            raise DemosError(
+                f"{path} is for demonstrations of suite {there.suite}, not {', '.join(others)}. "
+                "Give another folder for each suite."
+            )
         wanted = {task: _sources(task) for task in tasks}
         for task in tasks:
             other = there.sources.get(task, wanted[task]) != wanted[task]
@@ -365,7 +373,8 @@ class Folder:
                     f"{path} holds demonstrations of {task} by another version of the sources. "
                     f"Give another folder, or delete {path / task}."
                 )
-        folder = cls(path, there.sources | wanted, tuple({*there.splits, split}))
+        splits = tuple({*there.splits, split})
+        folder = cls(path, there.sources | wanted, splits, there.suite)
         folder.write()
         return folder
 
@@ -373,7 +382,7 @@ class Folder:
         """Writes `demos.json`."""
         document = {
             "format": FORMAT,
-            "suite": suite.SUITE,
+            "suite": self.suite,
             "version": suite.VERSION,
             "tasks": self.tasks,
             "splits": sorted(self.splits),

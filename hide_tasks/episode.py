@@ -14,6 +14,7 @@ from hide_tasks.bullet.fingerprint import final_state_hash
 from hide_tasks.bullet.scene import Part
 from hide_tasks.bullet.world import World
 from hide_tasks.contract import (
+    Action,
     Belief,
     DecisionRecord,
     EEDelta,
@@ -57,35 +58,29 @@ class Witness(Protocol):
 
 @dataclass
 class Episode:
-    """An episode under way."""
+    """An episode under way. Whoever plays it looks, then takes an action, until it is over."""
 
     spec: EpisodeSpec
     world: World
-    policy: Policy
     rules: Rules
-    witnesses: Sequence[Witness]
     budget: int  # decisions
+    witnesses: Sequence[Witness] = ()
     records: list[DecisionRecord] = field(default_factory=list)
     success_at: int | None = None  # the number of decisions when the checks first held
     rows: int = 0  # of dense actions, at 20 Hz
-    policy_seconds: float = 0.0
 
-    def play(self) -> tuple[Failure | None, str]:
-        """Play to the end; the policy's failure and its message, if it failed."""
-        try:
-            instruction, seed = self.world.task.instruction, suite.policy_seed(self.spec)
-            self.ask(lambda: self.policy.reset(instruction, seed))
-            while not self.over():
-                self.decide()
-        except PolicyFailure as error:
-            return error.failure, str(error)
-        return None, ""
+    def begin(self) -> None:
+        """Tell the witnesses what there is to see."""
+        task = self.world.task
+        start = Start(stage=task.stage(), hidden=task.hidden_state(), checks=task.checks())
+        for witness in self.witnesses:
+            witness.begin(self.spec, task.instruction, self.world.parts, start)
+            witness.frame(0.0, self.world.poses())
 
-    def decide(self) -> None:
-        """One decision: look, ask, act, record."""
-        observation = self.world.observe()
-        action = self.ask(lambda: parse_action(self.policy.act(observation)))
-        belief = self.ask(lambda: _belief(self.policy))
+    def take(
+        self, observation: Observation, action: Action, belief: Belief | None = None
+    ) -> DecisionRecord:
+        """One decision: carry out the action that an observation was answered with."""
         if isinstance(action, JointPosition | EEDelta):
             self.rows += len(action.chunk)
         known = len(self.world.events), len(self.world.violations)
@@ -110,21 +105,7 @@ class Episode:
         self.records.append(record)
         for witness in self.witnesses:
             witness.decided(observation, record)
-
-    def ask(self, question: Callable[[], Answer]) -> Answer:
-        """The policy's answer; whatever goes wrong in it gets its name."""
-        start = perf_counter()
-        try:
-            return question()
-        except PolicyFailure:
-            raise
-        except (InvalidAction, ValidationError) as error:
-            raise PolicyFailure(Failure.POLICY_INVALID, str(error)) from error
-        except Exception as error:
-            message = f"{type(error).__name__}: {error}"
-            raise PolicyFailure(Failure.POLICY_ERROR, message) from error
-        finally:
-            self.policy_seconds += perf_counter() - start
+        return record
 
     def over(self) -> bool:
         """True when nothing that may still happen would change a verdict."""
@@ -161,6 +142,77 @@ class Episode:
             return Failure.UNREACHABLE_POSE
         return self.world.task.missing()
 
+    def result(
+        self, fault: Failure | None = None, detail: str = "", timing: Timing | None = None
+    ) -> EpisodeResult:
+        """The verdicts as things stand; `fault` is the policy's, if it failed."""
+        task = self.world.task
+        failure = fault or self.failure()
+        return EpisodeResult(
+            **self.spec.model_dump(include={"task", "split", "index", "variation"}),
+            instruction=task.instruction,
+            success=self.world.success,
+            exact=failure is None,
+            failure=failure,
+            detail=detail or self.spent_in_vain(),
+            decisions=len(self.records),
+            stage=task.stage(),
+            scene_hash=task.layout.scene_hash(task.instruction),
+            final_state_hash=final_state_hash(self.world),
+            timing=timing or Timing(),
+        )
+
+    def end(self, result: EpisodeResult) -> None:
+        """Tell the witnesses the verdicts."""
+        if self.witnesses:
+            last = self.world.observe()
+            for witness in self.witnesses:
+                witness.end(result, last)
+
+
+@dataclass
+class Player:
+    """A policy that is asked; whatever goes wrong in it gets its name."""
+
+    policy: Policy
+    seconds: float = 0.0  # that its answers took
+
+    def play(self, episode: Episode) -> tuple[Failure | None, str]:
+        """Play to the end; the policy's failure and its message, if it failed."""
+        try:
+            instruction, seed = episode.world.task.instruction, suite.policy_seed(episode.spec)
+            self.ask(lambda: self.policy.reset(instruction, seed))
+            while not episode.over():
+                self.decide(episode)
+        except PolicyFailure as error:
+            return error.failure, str(error)
+        return None, ""
+
+    def decide(self, episode: Episode) -> None:
+        """One decision: look, ask, act."""
+        observation = episode.world.observe()
+        action = self.ask(lambda: parse_action(self.policy.act(observation)))
+        episode.take(observation, action, self.ask(lambda: _belief(self.policy)))
+
+    def ask(self, question: Callable[[], Answer]) -> Answer:
+        """The policy's answer.
+
+        Raises:
+            PolicyFailure: it gave none.
+        """
+        start = perf_counter()
+        try:
+            return question()
+        except PolicyFailure:
+            raise
+        except (InvalidAction, ValidationError) as error:
+            raise PolicyFailure(Failure.POLICY_INVALID, str(error)) from error
+        except Exception as error:
+            message = f"{type(error).__name__}: {error}"
+            raise PolicyFailure(Failure.POLICY_ERROR, message) from error
+        finally:
+            self.seconds += perf_counter() - start
+
 
 def budget_of(spec: EpisodeSpec, rules: Rules) -> int:
     """How many decisions an episode may take."""
@@ -181,43 +233,23 @@ def play(
     """
     began = perf_counter()
     with World(suite.build(spec), witnesses) as world:
-        start = Start(
-            stage=world.task.stage(), hidden=world.task.hidden_state(), checks=world.task.checks()
-        )
-        for witness in witnesses:
-            witness.begin(spec, world.task.instruction, world.parts, start)
-            witness.frame(0.0, world.poses())
+        episode = Episode(spec, world, rules, budget or budget_of(spec, rules), witnesses)
+        episode.begin()
         if hasattr(policy, "bind"):
             policy.bind(world, spec)
-        episode = Episode(spec, world, policy, rules, witnesses, budget or budget_of(spec, rules))
-        fault, detail = episode.play()
-        failure = fault or episode.failure()
-        result = EpisodeResult(
-            **spec.model_dump(include={"task", "split", "index", "variation"}),
-            instruction=world.task.instruction,
-            success=world.success,
-            exact=failure is None,
-            failure=failure,
-            detail=detail or episode.spent_in_vain(),
-            decisions=len(episode.records),
-            stage=world.task.stage(),
-            scene_hash=world.task.layout.scene_hash(world.task.instruction),
-            final_state_hash=final_state_hash(world),
-            timing=_timing(episode, perf_counter() - began),
-        )
-        if witnesses:
-            last = world.observe()
-            for witness in witnesses:
-                witness.end(result, last)
+        player = Player(policy)
+        fault, detail = player.play(episode)
+        timing = _timing(world, player.seconds, perf_counter() - began)
+        result = episode.result(fault, detail, timing)
+        episode.end(result)
     return result, episode.records
 
 
-def _timing(episode: Episode, total: float) -> Timing:
-    world = episode.world
+def _timing(world: World, policy: float, total: float) -> Timing:
     return Timing(
         **world.seconds,
         planning=world.executor.planning_seconds,
-        policy=episode.policy_seconds,
+        policy=policy,
         total=total,
         steps=world.steps,
         renders=world.renders,

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from hide_tasks.contract import CAMERAS, Observation
+from hide_tasks.contract import Observation
 
 RGB_STEP = 8  # of 255: a channel that differs by more is seen
 DEPTH_STEP = 0.002  # m
@@ -31,7 +31,7 @@ class Likeness(NamedTuple):
 
     @property
     def distance(self) -> float:
-        """One number to order by; at most 1 when alike."""
+        """One number to order by; at most 3 when alike."""
         pixels = max(self.pixels.values())
         return pixels / PIXELS + self.joints / JOINTS + self.opening / OPENING
 
@@ -39,7 +39,7 @@ class Likeness(NamedTuple):
 def likeness(a: Observation, b: Observation) -> Likeness:
     """Compare two observations of scenes with the same layout."""
     return Likeness(
-        pixels={name: _differing(a, b, name) for name in CAMERAS},
+        pixels={name: _differing(a, b, name) for name in a.views},
         joints=float(np.abs(a.joint_positions - b.joint_positions).max()),
         opening=abs(a.gripper_opening - b.gripper_opening),
     )
@@ -50,7 +50,7 @@ def alike(a: Observation, b: Observation) -> bool:
     return (
         bool(np.abs(a.joint_positions - b.joint_positions).max() <= JOINTS)
         and abs(a.gripper_opening - b.gripper_opening) <= OPENING
-        and all(_differing(a, b, name) <= PIXELS for name in CAMERAS)
+        and all(_differing(a, b, name) <= PIXELS for name in a.views)
     )
 
 

@@ -15,7 +15,7 @@ from sklearn.neighbors import KNeighborsClassifier
 from sklearn.pipeline import Pipeline, make_pipeline
 from sklearn.preprocessing import StandardScaler
 
-from hide_tasks.contract import CAMERAS, Observation
+from hide_tasks.contract import Observation
 from hide_tasks.statistics import Rate
 
 CELL = 8  # pixels of a feature's square
@@ -42,8 +42,7 @@ def features(observation: Observation) -> NDArray[np.float64]:
         observation.gripper_pose.round(3),
         np.array([round(observation.gripper_opening, 2)]),
     ]
-    for name in CAMERAS:
-        view = observation.views[name]
+    for view in observation.views.values():
         parts.append(_squares(view.rgb.astype(np.float64) / 255).round(3))
         parts.append(_squares(view.depth[..., None].astype(np.float64)).round(3))
     return np.concatenate(parts)

@@ -8,6 +8,8 @@ import hashlib
 from functools import lru_cache
 from pathlib import Path
 
+from hide_tasks.catalogue import file_of
+
 ROOT = Path(__file__).parent
 # What plays, and what certifies; a task's own file and all that these import are hashed with them.
 PLAYS = ("episode.py", "policies.py", "suite.py")
@@ -15,7 +17,7 @@ JUDGES = ("amnesiac.py", "certificate.py")
 # Left out, with what they alone import: how things look and how likeness is judged, unless an
 # episode's certificate is meant.
 LOOKS = ("bullet/cameras.py", "bullet/meshes.py", "bullet/raster.py", "amnesiac.py")
-NEITHER = ("certificates/__init__.py", "machine.py", "sources.py")
+NEITHER = ("catalogue.py", "certificates/__init__.py", "machine.py", "sources.py")
 
 
 def sources_hash(task: str, *, certified: bool = False) -> str:
@@ -36,7 +38,7 @@ def sources(task: str, *, certified: bool = False) -> list[str]:
     """The files that decide what happens in a task's episodes, relative to the package."""
     found: set[str] = set()
     left_out = {*NEITHER, *(() if certified else LOOKS)}
-    ahead = [f"tasks/{task}.py", *PLAYS, *(JUDGES if certified else ())]
+    ahead = [file_of(task), *PLAYS, *(JUDGES if certified else ())]
     while ahead:
         file = ahead.pop()
         if file not in found and file not in left_out:

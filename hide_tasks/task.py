@@ -15,7 +15,16 @@ from typing import ClassVar, Protocol
 import numpy as np
 
 from hide_tasks.assets.asset import Asset
-from hide_tasks.contract import Category, Event, Failure, HiddenState, Keyframe, Value, Variation
+from hide_tasks.contract import (
+    CAMERAS,
+    Category,
+    Event,
+    Failure,
+    HiddenState,
+    Keyframe,
+    Value,
+    Variation,
+)
 from hide_tasks.layout import Layout
 from hide_tasks.poses import Array
 
@@ -141,6 +150,7 @@ class Task(ABC):
     histories: ClassVar[Grid] = Grid()  # what an episode draws beside the paper's variation
     keyframes: ClassVar[frozenset[int]]  # the paper's counts; a script has one of them
     looks: ClassVar[tuple[str, ...]] = ()  # axes that change how things look and nothing else
+    cameras: ClassVar[tuple[str, ...]] = CAMERAS  # what a policy sees through, in this order
     remembers: ClassVar[str]  # the hidden state, in one sentence
     failures: ClassVar[Mapping[Failure, str]]  # what goes wrong here, and how
     spoils: ClassVar[frozenset[Failure]] = (

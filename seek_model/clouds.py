@@ -44,7 +44,7 @@ def _center(p: P) -> P:
 
 def cloud_of(observation: Observation, points: int, voxel: float) -> Cloud:
     """What the observation's cameras see of the workspace: see `cloud_of_images`."""
-    views = [observation.views[name] for name in CAMERAS]
+    views = [observation.views[name] for name in CAMERAS if name in observation.views]
     return cloud_of_images(
         [view.depth for view in views],
         [view.rgb for view in views],

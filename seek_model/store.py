@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, ValidationError
 
+from hide_tasks import SUITES
 from hide_tasks.contract import Split, Variation
 from hide_tasks.demos import Demonstration, DemosError, Folder, read
 from hide_tasks.layout import BOUNDS
@@ -177,9 +178,10 @@ def _read_index(path: Path) -> _Index:
         raise StoreError(f"{path / INDEX} is damaged: {error}") from None
     if index.format != FORMAT:
         raise StoreError(f"{path} is of format {index.format}, not {FORMAT}. Build it again.")
-    if (index.suite, index.version) != (SUITE, VERSION):
+    if index.suite not in SUITES or index.version != VERSION:
+        known = ", ".join(f"{suite} {VERSION}" for suite in SUITES)
         raise StoreError(
-            f"{path} is of suite {index.suite} {index.version}, not {SUITE} {VERSION}. "
+            f"{path} is of suite {index.suite} {index.version}; this build knows {known}. "
             "Record the demonstrations and build the store again."
         )
     return index
@@ -246,7 +248,8 @@ def build(
     }
     if not files:
         raise StoreError(f"{demos} has no demonstrations of {' or '.join(splits)}.")
-    plan = _Index(points=points, voxel=voxel, demos=_origin(files), sources=folder.sources)
+    origin = {"suite": folder.suite, "demos": _origin(files), "sources": folder.sources}
+    plan = _Index(points=points, voxel=voxel, **origin)
     if there := _reusable(out, plan):
         return there
     if out.exists() and not _replaceable(out):

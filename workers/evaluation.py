@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from hide_tasks import load, suite
+from hide_tasks.catalogue import suite_of
 from hide_tasks.contract import EpisodeResult, EpisodeSpec, Rules, Split
 from hide_tasks.sources import sources_hash
 from seek_model.trained import FOLDER
@@ -65,7 +66,7 @@ class Evaluation:
         planned = {task: len(self._specs_of(task)) for task in self.tasks}
         return Results(
             policy=self.policy,
-            suite=suite.SUITE,
+            suite=suite_of(self.tasks[0]),
             version=suite.VERSION,
             split=self.split,
             rules=self.rules,

@@ -15,7 +15,6 @@ from hide_tasks.bullet.raster import Renderer
 from hide_tasks.bullet.robot import Robot
 from hide_tasks.bullet.scene import HZ, Part, Scene
 from hide_tasks.contract import (
-    CAMERAS,
     Action,
     CameraView,
     Event,
@@ -104,14 +103,15 @@ class World:
         start = perf_counter()
         joints = self.robot.joints
         hand = kinematics.link_frames(joints)[kinematics.HAND]
-        cameras = [wrist_camera(hand) if name == "wrist" else camera(name) for name in CAMERAS]
+        names = self.task.cameras
+        cameras = [wrist_camera(hand) if name == "wrist" else camera(name) for name in names]
         images = self.renderer.render(cameras, self.poses())
         self.ids = images.ids  # segmentation: for experts and logs only
         views = {
             name: CameraView(
                 images.rgb[i], images.depth[i], cameras[i].intrinsics, cameras[i].camera_to_world
             )
-            for i, name in enumerate(CAMERAS)
+            for i, name in enumerate(names)
         }
         self.seconds["rendering"] += perf_counter() - start
         self.renders += 1

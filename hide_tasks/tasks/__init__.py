@@ -1,1 +1,1 @@
-"""One task a file; the file's name is the task's name."""
+"""Suite `hide`: one task a file; the file's name is the task's name."""

@@ -176,7 +176,7 @@ def test_a_folder_grows_by_tasks_and_splits(tmp_path):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"version": 0}, "is of suite hide 0, not hide 1"),
+        ({"version": 0}, "is of suite hide 0; this build knows hide 1"),
         ({"format": 9}, "is of format 9, not 1"),
         ({"sources": {"push_button_times": "0"}}, "delete .*push_button_times"),
         ({"sources": None}, "damaged"),

@@ -27,8 +27,8 @@ def test_an_unknown_episode_is_told_what_there_is(split, index, word):
 @pytest.mark.parametrize(
     ("change", "known"),
     [
-        ({"version": 2}, "hide v1 alone"),
-        ({"suite": "seek"}, "hide v1 alone"),
+        ({"version": 2}, "in hide v1 alone"),
+        ({"suite": "hide-hard"}, "in hide v1 alone"),
         ({"index": 25}, "0 to 24"),
         ({"variation": {"item_in": "attic"}}, "top, middle, bottom"),
         ({"variation": {"color": "red"}}, "chooses item_in; given: color"),
@@ -39,6 +39,15 @@ def test_an_episode_that_this_build_does_not_know_is_told_what_there_is(change, 
 
     with pytest.raises(ValueError, match=known):
         suite.build(spec)
+
+
+def test_the_splits_of_a_task_have_no_scene_in_common():
+    scenes = {
+        split: {suite.scene_hash(spec) for spec in suite.episodes("push_button_times", split)}
+        for split in suite.SPLITS
+    }
+
+    assert sum(map(len, scenes.values())) == len(set.union(*scenes.values())) == 250
 
 
 def test_the_policy_seed_does_not_depend_on_the_hidden_state():

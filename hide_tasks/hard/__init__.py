@@ -1,0 +1,1 @@
+"""Suite `hide-hard`: HIDE's tasks whose pictures tell what is hidden, with that leak closed."""
