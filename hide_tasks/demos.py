@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, Self, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from hide_tasks import SUITES, load, suite
+from hide_tasks import SUITES, suite
 from hide_tasks.catalogue import suite_of
 from hide_tasks.contract import (
     IMAGE_SIZE,
@@ -289,14 +289,14 @@ def _document(path: Path, text: str) -> dict[str, Any]:
 
 
 def _require_shapes(demonstration: Demonstration, path: Path) -> None:
-    count, cameras = len(demonstration.stages), len(load(demonstration.spec.task).cameras)
-    for name, (kind, shape) in _ARRAYS.items():
+    count, cameras = len(demonstration.stages), demonstration.rgb.shape[1:2]
+    for name, (kind, sizes) in _ARRAYS.items():
         array = getattr(demonstration, name)
-        right = (count, *(cameras if size == _CAMERAS else size for size in shape))
-        if array.dtype != kind or array.shape != right or not count:
+        shape = (count, *cameras, *sizes[1:]) if sizes[:1] == (_CAMERAS,) else (count, *sizes)
+        if array.dtype != kind or array.shape != shape or not count:
             raise DemosError(
                 f"{path}: {name} is {array.dtype} {array.shape}; "
-                f"expected {np.dtype(kind)} {right} with a row for every keyframe"
+                f"expected {np.dtype(kind)} {shape} with a row for every keyframe"
             )
 
 

@@ -146,7 +146,9 @@ def test_another_version_of_the_suite_is_refused(tmp_path):
     older = replace(made, spec=made.spec.model_copy(update={"version": 0}))
     write(older, path / "count" / "train-000.npz")
 
-    with pytest.raises(StoreError, match=r"train-000.npz is of suite hide 0, not hide 1"):
+    with pytest.raises(
+        StoreError, match=r"train-000.npz is of suite hide 0; this build knows hide 1"
+    ):
         build(path, tmp_path / "store", points=100, voxel=0.05)
 
 
