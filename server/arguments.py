@@ -33,24 +33,39 @@ def settings_of(given: Mapping[str, Any]) -> "Settings":
         raise BadUsage(f"{name}={fault['input']}: {fault['msg']}.") from None
 
 
-def chosen_tasks(names: str, category: str | None = None) -> tuple[str, ...]:
-    """The tasks that are named with commas between, or of a category, or all; in order.
+def chosen_tasks(
+    names: str, category: str | None = None, suite: str | None = None
+) -> tuple[str, ...]:
+    """The tasks that are named with commas between, or those of a suite, or of a category of it.
+
+    In order, all of one suite; `hide` where none is named.
 
     Raises:
-        BadUsage: there is no such task or category, or both were given.
+        BadUsage: there is no such task, category or suite, names and a category were given, or
+            tasks of another suite.
     """
-    from hide_tasks import ALL_TASKS, UnknownTask, load
+    from hide_tasks import SUITES, UnknownTask, load
+    from hide_tasks.catalogue import suite_of
     from hide_tasks.contract import Category
 
+    if suite not in (None, *SUITES):
+        raise BadUsage(f"--suite {suite}: is none; there are {', '.join(SUITES)}.")
     if category not in (None, *Category):
         raise BadUsage(f"--category {category}: is none; there are {', '.join(Category)}.")
     if names and category:
         raise BadUsage("--tasks and --category exclude each other; give one of them.")
-    wanted = [name.strip() for name in names.split(",") if name.strip()] or ALL_TASKS
+    named = [name.strip() for name in names.split(",") if name.strip()]
+    wanted = named or SUITES[suite or "hide"]
     try:
         categories = {name: load(name).category for name in wanted}
+        found = sorted({suite_of(name) for name in wanted} | ({suite} if suite else set()))
     except UnknownTask as error:
         raise BadUsage(str(error)) from None
+    if len(found) > 1:
+        raise BadUsage(
+            f"--tasks {names}: these and what else is asked for are of suites "
+            f"{' and '.join(found)}; give tasks of one."
+        )
     return _in_order(name for name in categories if category in (None, categories[name]))
 
 
@@ -93,11 +108,9 @@ def episode_indices(
     return tuple(named)
 
 
-def new_folder(policy: str) -> Path:
-    """A folder under runs/ that is not there yet, named after the policy and the time."""
-    from hide_tasks.suite import SUITE
-
+def new_folder(policy: str, suite: str) -> Path:
+    """A folder under runs/ that is not there yet, named after policy, suite and time."""
     name = re.sub(r"[^\w.]+", "-", policy).strip("-.")
-    stem = f"{name}-{SUITE}-{datetime.now():%Y%m%d-%H%M%S}"
+    stem = f"{name}-{suite}-{datetime.now():%Y%m%d-%H%M%S}"
     names = [stem, *(f"{stem}-{number}" for number in range(2, 100))]
     return next(path for path in (Path("runs", name) for name in names) if not path.exists())

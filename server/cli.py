@@ -38,6 +38,7 @@ class SplitName(StrEnum):
     train = "train"
     val = "val"
     test = "test"
+    test100 = "test100"
 
 
 class RulesName(StrEnum):
@@ -63,7 +64,10 @@ class CategoryName(StrEnum):
     EPT = "EPT"
 
 
-Tasks = Annotated[str, Option(help="Task names with commas between; default: all.")]
+Tasks = Annotated[str, Option(help="Task names with commas between; default: all of the suite.")]
+Suite = Annotated[
+    str | None, Option(metavar="NAME", help="hide, hide-hard or real4; default: hide.")
+]
 Workers = Annotated[
     int | None, Option(min=1, help="Episodes at a time; default: one per processor.")
 ]
@@ -98,12 +102,11 @@ def _start(
 
 
 @app.command()
-def tasks(as_json: AsJson = False) -> None:
+def tasks(suite: Suite = None, as_json: AsJson = False) -> None:
     """List the tasks: language, variations, keyframes, hidden state, certificate."""
-    from hide_tasks import ALL_TASKS
     from server import tables
 
-    entries = tables.catalogue(ALL_TASKS)
+    entries = tables.catalogue(chosen_tasks("", suite=suite))
     show({"tasks": entries} if as_json else tables.catalogue_table(entries))
 
 
@@ -122,6 +125,7 @@ def evaluate(
         ),
     ],
     tasks: Tasks = "",
+    suite: Suite = None,
     category: Annotated[CategoryName | None, Option(help="Only tasks of this kind.")] = None,
     split: Annotated[SplitName, Option(help="Which episodes.")] = SplitName.test,
     episodes: Annotated[
@@ -163,13 +167,14 @@ def evaluate(
     ] = None,
 ) -> None:
     """Evaluate a policy without a server; with --out, an interrupted run resumes."""
+    from hide_tasks.catalogue import suite_of
     from server.run import run
     from server.tables import results_table
     from workers.evaluation import Evaluation, missing
 
     evaluation = Evaluation(
         policy=policy,
-        tasks=chosen_tasks(tasks, category),
+        tasks=chosen_tasks(tasks, category, suite),
         split=split.value,
         episodes=episode_count(episodes, split.value),
         indices=episode_indices(index, episodes, split.value),
@@ -179,19 +184,21 @@ def evaluate(
         sandbox=sandbox,
         maps=maps,
     )
-    results = run(evaluation, out or new_folder(policy), workers)
+    results = run(evaluation, out or new_folder(policy, suite_of(evaluation.tasks[0])), workers)
     show(results.model_dump(mode="json") if as_json else results_table(results))
     if missing(evaluation, results):
         raise typer.Exit(1)
 
 
 @app.command()
-def certify(tasks: Tasks = "", workers: Workers = None, as_json: AsJson = False) -> None:
+def certify(
+    tasks: Tasks = "", suite: Suite = None, workers: Workers = None, as_json: AsJson = False
+) -> None:
     """Recompute the proofs that tasks need memory; takes minutes a task."""
     from server import tables
     from server.run import recertify
 
-    names = chosen_tasks(tasks)
+    names = chosen_tasks(tasks, suite=suite)
     certificates = recertify(names, workers)
     entries = tables.catalogue(names)
     show({"certificates": certificates} if as_json else tables.catalogue_table(entries))
@@ -203,6 +210,7 @@ def demos(
         Path, Option(help="The folder of demonstrations; what is recorded there already stays.")
     ],
     tasks: Tasks = "",
+    suite: Suite = None,
     split: Annotated[SplitName, Option(help="Which episodes.")] = SplitName.train,
     episodes: Annotated[
         int | None, Option(help="Per task, the first so many of the split; default: all.")
@@ -212,7 +220,7 @@ def demos(
     """Record the expert for training: images, keyframes, stages, hidden state; resumes."""
     from server.run import demonstrate
 
-    names, count = chosen_tasks(tasks), episode_count(episodes, split.value)
+    names, count = chosen_tasks(tasks, suite=suite), episode_count(episodes, split.value)
     if demonstrate(names, out, split=split.value, episodes=count, workers=workers):
         raise typer.Exit(1)
 

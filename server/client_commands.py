@@ -51,6 +51,9 @@ def submit(
     ] = None,
     description: Annotated[str, Option(help="For people.")] = "",
     tasks: Annotated[str, Option(help="Task names with commas between; default: all.")] = "",
+    suite: Annotated[
+        str | None, Option(metavar="NAME", help="hide, hide-hard or real4; default: hide.")
+    ] = None,
     category: Annotated[str | None, Option(help="Only tasks of this kind: RC, HSR, EPT.")] = None,
     split: Annotated[str, Option(help="train, val or test.")] = "test",
     episodes: Annotated[int | None, Option(help="Per task, the first so many.")] = None,
@@ -66,8 +69,8 @@ def submit(
     A broken upload goes on where it was when the same line is given again.
     """
     wanted: dict[str, Any] = {"split": split, "episodes": _count(episodes, split)}
-    if tasks or category:
-        wanted["tasks"] = list(chosen_tasks(tasks, category))
+    if tasks or category or suite:
+        wanted["tasks"] = list(chosen_tasks(tasks, category, suite))
     with connected(server) as client:
         version = _handed_in(client, policy, name, description, maps)
         evaluation = client.evaluate(version, **wanted)

@@ -9,7 +9,8 @@ from typing import Any, NamedTuple
 from sqlalchemy import Integer, Select, case, cast, func, select
 from sqlalchemy.orm import Session, contains_eager
 
-from hide_tasks import ALL_TASKS, UnknownTask, load, suite
+from hide_tasks import ALL_TASKS, SUITES, UnknownTask, load, suite
+from hide_tasks.catalogue import suite_of
 from hide_tasks.contract import EpisodeSpec
 from hide_tasks.sources import sources_hash
 from server import idempotency, lifecycle, policies, suites
@@ -123,10 +124,13 @@ def _specs(wanted: EvaluationCreate) -> list[EpisodeSpec]:
     if wanted.episodes is not None and wanted.episodes > most:
         raise invalid("episodes", f"is {wanted.episodes}; {wanted.split} has {most} a task")
     try:
-        named = in_order(set(wanted.tasks if wanted.tasks is not None else ALL_TASKS))
+        named = in_order(set(wanted.tasks if wanted.tasks is not None else SUITES[suite.SUITE]))
         tasks = [name for name in named if wanted.category in (None, load(name).category)]
+        of_suites = sorted({suite_of(name) for name in tasks})
     except UnknownTask as error:
         raise invalid("tasks", str(error)) from None
+    if len(of_suites) > 1:
+        raise invalid("tasks", f"are of suites {' and '.join(of_suites)}; an evaluation is of one")
     if not tasks:
         raise invalid("category", f"has no task yet: {wanted.category}")
     return [spec for task in tasks for spec in suite.episodes(task, wanted.split, wanted.episodes)]

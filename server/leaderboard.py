@@ -15,7 +15,7 @@ from statistics import fmean
 from sqlalchemy import Integer, cast, func, select
 from sqlalchemy.orm import Session
 
-from hide_tasks import load, suite
+from hide_tasks import SUITES, load, suite
 from hide_tasks.contract import Category, Split
 from server import belief_scores, facts, outcomes, ranks, tasks
 from server.evaluations import Counts, verdicts
@@ -31,7 +31,6 @@ from server.schemas.leaderboard import (
     NormalisedPublic,
 )
 from server.states import EvaluationState
-from server.suites import BOARDS
 
 ByTask = dict[str, Counts]
 Read = Callable[[Session, Sequence[str]], dict[str, Outcomes]]
@@ -101,8 +100,7 @@ def columns(of: str = suite.SUITE) -> list[LeaderboardColumn]:
     """A suite's tasks by category."""
     return [
         LeaderboardColumn(task=one.name, category=one.category, certificate=one.certificate)
-        for one in tasks.catalogue()
-        if one.name in BOARDS[of]
+        for one in tasks.catalogue(of)
     ]
 
 
@@ -137,7 +135,7 @@ def _latest(session: Session, split: Split, of: str) -> tuple[list[Evaluation], 
     whole = {
         version: id
         for version, id, tasks in session.execute(known.order_by(Evaluation.id))
-        if set(tasks) == set(BOARDS[of])
+        if set(tasks) == set(SUITES[of])
     }
     shown = session.scalars(select(Evaluation).where(Evaluation.id.in_(whole.values()))).all()
     count = session.scalar(select(func.count()).where(of_split)) or 0

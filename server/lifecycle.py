@@ -19,7 +19,7 @@ from typing import Any
 from sqlalchemy import ColumnElement, func, or_, select, update
 from sqlalchemy.orm import Session, aliased
 
-from hide_tasks import load, suite
+from hide_tasks import load
 from hide_tasks.contract import EpisodeSpec
 from hide_tasks.machine import fingerprint
 from server.models import (
@@ -66,7 +66,7 @@ def create(
     """A queued evaluation with all its shards and episodes.
 
     Args:
-        specs: the episodes, of one split, task by task, in order.
+        specs: the episodes, of one suite and split, task by task, in order.
         sources: per task, the hash of the code that plays it.
         settings: rules, priority, recordings, idempotency_key, request_digest.
     """
@@ -74,8 +74,8 @@ def create(
     evaluation = Evaluation(
         id=new_id("ev"),
         policy_version=version,
-        suite=suite.SUITE,
-        suite_version=suite.VERSION,
+        suite=specs[0].suite,
+        suite_version=specs[0].version,
         split=specs[0].split,
         tasks=tasks,
         episodes=len(specs) // len(tasks),

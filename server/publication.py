@@ -6,7 +6,7 @@ Nothing is published below 100 % coverage: neither part of a suite nor an unfini
 from sqlalchemy import select
 from sqlalchemy.orm import Session, defer
 
-from hide_tasks import ALL_TASKS, suite
+from hide_tasks import SUITES, suite
 from server import snapshots
 from server.models import Evaluation, LeaderboardSnapshot
 from server.problems import Problem
@@ -46,9 +46,12 @@ def _part(one: Evaluation) -> str | None:
     """Why an evaluation is no whole one of the present suite; None if it is."""
     if one.state != EvaluationState.COMPLETED:
         return f"It is {one.state}; nothing is published before every episode is final."
-    if missing := set(ALL_TASKS) - set(one.tasks):
+    if one.suite not in SUITES or one.suite_version != suite.VERSION or one.rules != "hide":
+        return "The leaderboards hold evaluations by the rules 'hide' of the present suites alone."
+    tasks = SUITES[one.suite]
+    if missing := set(tasks) - set(one.tasks):
         return (
-            f"It lacks {len(missing)} of the suite's {len(ALL_TASKS)} tasks; nothing is published "
+            f"It lacks {len(missing)} of the suite's {len(tasks)} tasks; nothing is published "
             "below 100 % coverage."
         )
     most = suite.SPLITS.get(one.split)  # type: ignore[call-overload]
@@ -57,8 +60,6 @@ def _part(one: Evaluation) -> str | None:
             f"It played {one.episodes} of {most} episodes a task; nothing is published below "
             "100 % coverage."
         )
-    if one.rules != "hide" or (one.suite, one.suite_version) != (suite.SUITE, suite.VERSION):
-        return "The leaderboard holds evaluations by the rules 'hide' of the present suite alone."
     return None
 
 

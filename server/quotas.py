@@ -10,8 +10,9 @@ from datetime import datetime, timedelta
 from sqlalchemy import ColumnElement, Select, and_, func, select
 from sqlalchemy.orm import Session
 
-from hide_tasks import ALL_TASKS, suite
+from hide_tasks import suite
 from hide_tasks.contract import Split
+from server import suites
 from server.access import Principal, Scope
 from server.models import Evaluation, Policy, PolicyVersion, User, now
 from server.problems import Problem
@@ -132,13 +133,14 @@ def _scored(session: Session, owner: str) -> list[datetime]:
         Evaluation.state != EvaluationState.CANCELLED,
     )
     found = session.execute(wanted.add_columns(Evaluation.tasks))
-    return [created for created, tasks in found if set(tasks) == set(ALL_TASKS)]
+    return [created for created, tasks in found if suites.is_suite(tasks)]
 
 
 def is_scored(split: str, tasks: Iterable[str], episodes: int) -> bool:
     """True if so many episodes together count among the scored evaluations."""
-    whole = len(ALL_TASKS) * suite.SPLITS[SCORED_SPLIT]
-    return split == SCORED_SPLIT and set(tasks) == set(ALL_TASKS) and episodes == whole
+    asked = set(tasks)
+    whole = len(asked) * suite.SPLITS[SCORED_SPLIT]
+    return split == SCORED_SPLIT and suites.is_suite(asked) and episodes == whole
 
 
 def owns(session: Session, owner: str, sha256: str) -> bool:

@@ -47,12 +47,13 @@ def _known(column: str) -> str:
 
 Sort = Annotated[str, AfterValidator(_known), Field(description=f"One of: {', '.join(SORTS)}.")]
 Text = Annotated[str, Field(max_length=80)]
+BoardName = Annotated[str, AfterValidator(_with_board)]
 
 
 class BoardQuery(BaseModel):
     """Which leaderboard, and what of it; it travels in the address."""
 
-    suite: Annotated[str, AfterValidator(_with_board)] = SUITE
+    suite: BoardName = SUITE
     split: Split = "test"
     verdict: Verdict = Field("success", description="Ranks by it.")
     category: Category | None = Field(None, description="Only its columns; ranks are overall.")

@@ -1,4 +1,4 @@
-"""Parts of the suite that have names: `smoke`, one category, `full`.
+"""What can be evaluated by a name: `smoke`, a category, `full`; the other suites by theirs.
 
 `smoke` asks whether a policy plays at all: one episode of one task of each category, of the
 validation split unless another is named, for a first try should not look at held-out episodes.
@@ -7,7 +7,7 @@ validation split unless another is named, for a first try should not look at hel
 from collections.abc import Iterable
 from functools import cache
 
-from hide_tasks import ALL_TASKS, load, suite
+from hide_tasks import SUITES, load, suite
 from hide_tasks.contract import Category, Split
 from server.models import Evaluation
 from server.problems import invalid
@@ -16,7 +16,7 @@ from server.schemas.evaluations import EvaluationCreate
 from workers.results import in_order
 
 SMOKE_SPLIT: Split = "val"
-BOARDS: dict[str, tuple[str, ...]] = {suite.SUITE: tuple(ALL_TASKS)}  # leaderboards, their tasks
+BOARDS = {name: tasks for name, tasks in SUITES.items() if tasks}  # leaderboards, their tasks
 CHOOSES = ("tasks", "category", "episodes")  # what a name chooses by itself
 
 
@@ -36,6 +36,8 @@ def resolved(wanted: EvaluationCreate) -> EvaluationCreate:
         return wanted.model_copy(
             update={"tasks": list(smoke_tasks()), "episodes": 1, "split": split}
         )
+    if wanted.suite in SUITES:
+        return wanted.model_copy(update={"tasks": list(SUITES[wanted.suite])})
     category = None if wanted.suite == "full" else Category(wanted.suite)
     return wanted.model_copy(update={"category": category})
 
@@ -43,7 +45,7 @@ def resolved(wanted: EvaluationCreate) -> EvaluationCreate:
 @cache
 def _by_category() -> dict[str, list[str]]:
     found: dict[str, list[str]] = {str(category): [] for category in Category}
-    for task in ALL_TASKS:
+    for task in SUITES[suite.SUITE]:
         found[str(load(task).category)].append(task)
     return found
 
@@ -64,11 +66,13 @@ def covering(split: str, tasks: Iterable[str], episodes: int) -> Covers:
     """The same, of so many episodes of each of some tasks."""
     played = set(tasks)
     if episodes == suite.SPLITS.get(split):  # type: ignore[call-overload]
-        named: Iterable[tuple[Covers, list[str]]] = [
-            ("full", list(ALL_TASKS)),
+        named: Iterable[tuple[Covers, Iterable[str]]] = [
+            ("full", SUITES[suite.SUITE]),
             ("RC", _by_category()["RC"]),
             ("HSR", _by_category()["HSR"]),
             ("EPT", _by_category()["EPT"]),
+            ("hide-hard", SUITES["hide-hard"]),
+            ("real4", SUITES["real4"]),
         ]
         return next((name for name, tasks in named if played == set(tasks)), "part")
     whole = episodes == 1 and played == set(smoke_tasks())
@@ -77,5 +81,10 @@ def covering(split: str, tasks: Iterable[str], episodes: int) -> Covers:
 
 def is_whole(evaluation: Evaluation) -> bool:
     """True if it is of every episode of its split, in the version of the suite that is here."""
-    of_ours = (evaluation.suite, evaluation.suite_version) == (suite.SUITE, suite.VERSION)
-    return of_ours and covers(evaluation) == "full"
+    whole = "full" if evaluation.suite == suite.SUITE else evaluation.suite
+    return evaluation.suite_version == suite.VERSION and covers(evaluation) == whole
+
+
+def is_suite(tasks: Iterable[str]) -> bool:
+    """True if these are all the tasks of one suite."""
+    return set(tasks) in map(set, SUITES.values())

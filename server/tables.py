@@ -13,6 +13,7 @@ from rich.table import Table
 from rich.text import Text
 
 from hide_tasks import load
+from hide_tasks.catalogue import suite_of
 from hide_tasks.certificates import certificate
 from hide_tasks.contract import Category, EpisodeResult
 from hide_tasks.statistics import Rate
@@ -156,6 +157,7 @@ def _entry(name: str) -> dict[str, Any]:
     task, proof = load(name), certificate(name)
     return {
         "name": name,
+        "suite": suite_of(name),
         "category": str(task.category),
         "instruction": task.instructions[0],
         "paraphrases": list(task.instructions[1:]),

@@ -1,11 +1,11 @@
-"""The tasks of the suite as the API and the pages show them, from what is committed."""
+"""The tasks of the suites as the API and the pages show them, from what is committed."""
 
 from functools import lru_cache
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from hide_tasks import ALL_TASKS, UnknownTask
+from hide_tasks import SUITES, UnknownTask
 from hide_tasks.certificates import committed
 from server import tables
 from server.problems import Problem
@@ -14,10 +14,10 @@ from server.schemas.tasks import AliasPublic, CertificatePublic, TaskPublic
 PICTURES = "/static/tasks"
 
 
-def catalogue() -> list[TaskPublic]:
-    """Every task, by category, then by name."""
+def catalogue(of: str) -> list[TaskPublic]:
+    """Every task of a suite, by category, then by name."""
     order = ["RC", "HSR", "EPT"]
-    found = [_task(name) for name in ALL_TASKS]
+    found = [_task(name) for name in SUITES[of]]
     return sorted(found, key=lambda one: (order.index(one.category), one.name))
 
 

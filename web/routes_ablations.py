@@ -20,7 +20,7 @@ from web.templating import page, query
 
 router = Router(include_in_schema=False)
 
-SPLITS: tuple[Split, ...] = ("test", "val", "train")
+SPLITS: tuple[Split, ...] = ("test", "test100", "val", "train")
 SIZES: tuple[Size, ...] = ("small", "paper")
 SHORT = {"none": "none", "scm": "SCM", "wcm": "WCM", "pam": "PAM", "seek": "all"}
 ADDED = {"none": "none", "scm": "SCM", "scm_wcm": "+WCM", "seek": "+PAM"}

@@ -25,7 +25,7 @@ from web.templating import page
 
 router = Router(include_in_schema=False)
 
-SPLITS: tuple[Split, ...] = ("test", "val", "train")
+SPLITS: tuple[Split, ...] = ("test", "test100", "val", "train")
 MOST_SUGGESTED = 12
 MOST_LISTED = 60  # episodes
 

@@ -18,7 +18,7 @@ from web.templating import STATIC, page
 
 router = Router(include_in_schema=False)
 
-SHOWN_SPLITS: tuple[Split, ...] = ("test", "val")
+SHOWN_SPLITS: tuple[Split, ...] = ("test", "test100", "val")
 
 
 @router.get("/")

@@ -16,6 +16,7 @@ from server.models import Evaluation
 from server.routes.uploads import list_uploads
 from server.schemas.evaluations import EvaluationPublic
 from server.schemas.policies import PolicyVersionPublic
+from server.suites import BOARDS
 from web.templating import page
 from web.wording import WIRES
 
@@ -66,7 +67,7 @@ def show_form(
         "reserved": policies.reserved(session),
         "wires": WIRES,
         "versions": versions,
-        "tasks": tasks.catalogue(),
+        "suites": {name: tasks.catalogue(name) for name in BOARDS},
         "categories": list(Category),
         "chosen": _chosen(versions, before.policy_version_id if before else policy),
         "like": _public(session, before),

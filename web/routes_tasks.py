@@ -6,6 +6,7 @@ from fastapi import Query, Request
 from fastapi.responses import HTMLResponse
 from sqlalchemy.orm import Session
 
+from hide_tasks.catalogue import suite_of
 from hide_tasks.contract import Category
 from server import leaderboard, tasks
 from server.access import Router, Scope, needs
@@ -13,7 +14,8 @@ from server.deps import Reading
 from server.problems import invalid
 from server.schemas.common import RatePublic, Verdicts
 from server.schemas.leaderboard import LeaderboardRow
-from server.schemas.tasks import CertificatePublic
+from server.schemas.tasks import CertificatePublic, TaskPublic
+from server.suites import BOARDS
 from web.aliases import clearest
 from web.templating import page
 
@@ -25,10 +27,15 @@ BEST = 5  # policies of a task's page
 @router.get("/tasks")
 @needs(Scope.READ)
 def list_tasks(request: Request) -> HTMLResponse:
-    """All tasks by category."""
-    found = tasks.catalogue()
+    """All tasks, by suite and category."""
+    return page(request, "tasks.html", {"suites": {name: by_category(name) for name in BOARDS}})
+
+
+def by_category(suite: str) -> list[tuple[Category, list[TaskPublic]]]:
+    """The tasks of a suite; a category without any is left out."""
+    found = tasks.catalogue(suite)
     groups = [(kind, [task for task in found if task.category is kind]) for kind in Category]
-    return page(request, "tasks.html", {"groups": [(kind, some) for kind, some in groups if some]})
+    return [(kind, some) for kind, some in groups if some]
 
 
 @router.get("/tasks/{name}")
@@ -67,7 +74,8 @@ def measured(proof: CertificatePublic | None) -> Verdicts | None:
 
 def best(session: Session, task: str) -> list[LeaderboardRow]:
     """The rows of the leaderboard that do best on a task; of equals, the ranked ones first."""
-    board = leaderboard.leaderboard(session, split="test", verdict="success")
+    of = suite_of(task)
+    board = leaderboard.leaderboard(session, split="test", verdict="success", of=of)
 
     def place(row: LeaderboardRow) -> tuple[float, float, bool]:
         verdicts = row.tasks[task]

@@ -87,6 +87,7 @@ ENVIRONMENT.globals.update(
     rate_bar=charts.rate_bar,
     progress_bar=charts.progress_bar,
     budget_bar=charts.budget_bar,
+    ABOUT_SUITES=wording.ABOUT_SUITES,
     CATEGORIES=wording.CATEGORIES,
     CHECKS=wording.CHECKS,
     FAILURES=wording.FAILURES,

@@ -4,22 +4,23 @@ from typing import Annotated
 
 from fastapi import Query
 
+from hide_tasks.suite import SUITE
 from server import leaderboard, published, standings, tasks
 from server.access import Router, Scope, needs
 from server.deps import Reading
 from server.revalidation import Revalidate
 from server.schemas.leaderboard import Leaderboard, PublishedPublic
 from server.schemas.tasks import TaskPublic
-from server.standings import BoardQuery
+from server.standings import BoardName, BoardQuery
 
 router = Router(tags=["catalogue"])
 
 
 @router.get("/tasks")
 @needs(Scope.READ)
-def list_tasks() -> list[TaskPublic]:
-    """Every task of the suite."""
-    return tasks.catalogue()
+def list_tasks(suite: BoardName = SUITE) -> list[TaskPublic]:
+    """Every task of a suite."""
+    return tasks.catalogue(suite)
 
 
 @router.get("/tasks/{task}")

@@ -30,9 +30,10 @@ class AliasPublic(BaseModel):
 
 
 class TaskPublic(BaseModel):
-    """One task of the suite."""
+    """One task of a suite."""
 
     name: str
+    suite: str
     category: Category
     instruction: str
     paraphrases: list[str]

@@ -8,7 +8,7 @@ from pydantic import ValidationError
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
-from hide_tasks import suite
+from hide_tasks import SUITES, suite
 from hide_tasks.contract import DecisionRecord, EpisodeResult, InvalidAction, Start, parse_action
 from server import lifecycle, spans
 from server.models import Decision, Episode, HiddenChange, HiddenSpan
@@ -136,7 +136,7 @@ def _check_spec(rows: Rows, findings: Findings) -> None:
     episode = rows.episode
     try:
         played = lifecycle.spec_of(episode)
-        if (played.suite, played.version) != (suite.SUITE, suite.VERSION):
+        if played.suite not in SUITES or played.version != suite.VERSION:
             return
         wanted = suite.episode(episode.task, played.split, episode.index)
     except ValueError as error:

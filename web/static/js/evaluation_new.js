@@ -44,13 +44,16 @@ function soon() {
 function wanted() {
   const fields = new FormData(form);
   const category = String(fields.get("category") ?? "");
-  const named = ["", "some", "smoke"].includes(category);
+  /** @type {HTMLInputElement | null} */
+  const chosen = form.querySelector("[name=category]:checked");
+  const suite = chosen?.dataset.tasks?.split(" ") ?? null; // another suite's tasks
+  const named = suite !== null || ["", "some", "smoke"].includes(category);
   const episodes = String(fields.get("episodes") ?? "");
   const smoke = category === "smoke";
   return {
     policy: fields.get("policy"),
     suite: smoke ? "smoke" : null,
-    tasks: category === "some" ? fields.getAll("tasks") : null,
+    tasks: category === "some" ? fields.getAll("tasks") : suite,
     category: named ? null : category,
     ...(smoke ? {} : { split: fields.get("split") }),
     episodes: episodes && !smoke ? Number(episodes) : null,
