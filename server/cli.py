@@ -57,6 +57,11 @@ class WireName(StrEnum):
     gr00t = "gr00t"
 
 
+class DemosFormat(StrEnum):
+    hide = "hide"
+    lerobot = "lerobot"
+
+
 class CategoryName(StrEnum):
     RC = "RC"
     HSR = "HSR"
@@ -208,12 +213,21 @@ def demos(
         int | None, Option(help="Per task, the first so many of the split; default: all.")
     ] = None,
     workers: Workers = None,
+    form: Annotated[
+        DemosFormat,
+        Option(
+            "--format",
+            help="hide: keyframes, for hide train; lerobot: a LeRobotDataset v3.0 of the expert's "
+            "dense motion at 20 Hz, one folder for one such command.",
+        ),
+    ] = DemosFormat.hide,
 ) -> None:
     """Record the expert for training: images, keyframes, stages, hidden state; resumes."""
-    from server.run import demonstrate
+    from server.run import demonstrate, export_lerobot
 
     names, count = chosen_tasks(tasks), episode_count(episodes, split.value)
-    if demonstrate(names, out, split=split.value, episodes=count, workers=workers):
+    record = export_lerobot if form is DemosFormat.lerobot else demonstrate
+    if record(names, out, split=split.value, episodes=count, workers=workers):
         raise typer.Exit(1)
 
 
