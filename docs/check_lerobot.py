@@ -41,7 +41,7 @@ def check_frame(frame: dict, at: int) -> None:
         image = frame[f"observation.images.{camera}"]
         require(image.shape == (3, 128, 128), f"frame {at}: {camera} is {tuple(image.shape)}")
         require(image.dtype == torch.float32, f"frame {at}: {camera} is {image.dtype}")
-        require(0 <= image.min() and image.max() <= 1, f"frame {at}: {camera} is not in 0 to 1")
+        require(image.min() >= 0 and image.max() <= 1, f"frame {at}: {camera} is not in 0 to 1")
         require(image.std() > 0.02, f"frame {at}: {camera} shows nothing")
     for name, width in WIDTHS.items():
         require(frame[name].shape == (width,), f"frame {at}: {name} is {frame[name].shape}")

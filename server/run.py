@@ -113,8 +113,9 @@ def export_lerobot(
             reporter.say(str(error))
         if names := export.refused(wanted):
             reporter.say(f"{len(names)} left out of {len(wanted)}: {', '.join(names)}")
-            return len(names)
-    return failures
+        if export.finished:
+            reporter.say(f"{folder}: a LeRobotDataset of {len(wanted) - len(names)} episodes")
+        return len(names) or failures
 
 
 def _episodes(tasks: Sequence[str], split: Split, episodes: int | None) -> list[EpisodeSpec]:
