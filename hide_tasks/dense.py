@@ -175,12 +175,12 @@ class DenseExpert:
         self.mode, self.size = mode, size
 
     def bind(self, world: World, spec: EpisodeSpec) -> None:
-        """Find out the motion in a world of its own."""
-        self.actions = motion(spec).chunks(self.mode, self.size)
+        """Take note of which episode it is."""
+        self.spec = spec
 
     def reset(self, instruction: str, policy_seed: int) -> None:
-        """Back to the first chunk."""
-        self.left: Iterator[Action] = iter(self.actions)
+        """Find out the motion in a world of its own."""
+        self.left: Iterator[Action] = iter(motion(self.spec).chunks(self.mode, self.size))
 
     def act(self, observation: Observation) -> Action:
         """The next chunk."""
