@@ -118,7 +118,8 @@ def evaluate(
         str,
         Argument(
             metavar="POLICY",
-            help="expert, amnesiac, random, noop; seek-small or sam2act-small, trained "
+            help="expert, amnesiac, random, noop; expert-joint-position or expert-ee-delta, the "
+            "expert's motion in rows at 20 Hz; seek-small or sam2act-small, trained "
             "checkpoints that come along; replay:DIR, the actions of another run, or "
             "replay:FILE.json, those of an episode; a checkpoint, path/to/file.safetensors; your "
             "own class, python:module:Class or "

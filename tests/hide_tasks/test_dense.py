@@ -6,10 +6,10 @@ import pytest
 from hide_tasks import suite
 from hide_tasks.bullet import kinematics
 from hide_tasks.bullet.executor import JOINT_STEP
-from hide_tasks.contract import Stop
+from hide_tasks.contract import Failure, Stop
 from hide_tasks.dense import CHUNK, DenseError, DenseExpert, Motion, motion
 from hide_tasks.episode import play
-from hide_tasks.policies import Replay
+from hide_tasks.policies import Replay, make
 
 SPEC = next(s for s in suite.episodes("push_button_times", "val") if s.variation["count"] == 2)
 SLIDES = suite.episode("search_drawer", "val", 0)  # the item slides as its drawer is pulled
@@ -96,6 +96,21 @@ def test_the_dense_expert_stops_when_its_motion_is_done(twice):
 
     assert isinstance(answers[-1], Stop)
     assert not any(isinstance(answer, Stop) for answer in answers[:-1])
+
+
+def test_the_dense_expert_of_a_mode_goes_by_a_name():
+    made = {mode: make(f"expert-{mode.replace('_', '-')}") for mode in MODES}
+
+    assert {mode: policy.mode for mode, policy in made.items()} == {mode: mode for mode in MODES}
+
+
+def test_an_episode_without_a_motion_is_the_dense_experts_failure(monkeypatch):
+    monkeypatch.setattr("hide_tasks.bullet.planner.solutions", lambda _: [])
+
+    result, _ = play(SPEC, DenseExpert("ee_delta"))
+
+    assert result.failure is Failure.POLICY_ERROR
+    assert "has no path" in result.detail
 
 
 def test_a_keyframe_that_no_plan_reaches_is_named(monkeypatch):
