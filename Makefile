@@ -35,7 +35,7 @@ reproduce: setup ## Repeat the study: data, trainings, evaluations, tables; TINY
 # The release of torch is fixed in pyproject.toml, so resolving it along cannot pull another one.
 lock: ## Resolve every dependency anew and write constraints.txt
 	rm -rf build/lock && $(PYTHON) -m venv build/lock
-	build/lock/bin/pip install --quiet hatchling '.[seek,minilm,dask,gymnasium,postgres,dev]'
+	build/lock/bin/pip install --quiet hatchling '.[seek,minilm,dask,gymnasium,lerobot,postgres,dev]'
 	{ echo '# Every version an installation may use. Written by `make lock`.'; \
 	  build/lock/bin/pip freeze --exclude hide-seek 2>/dev/null | sed 's/+.*//'; } > build/constraints.txt
 	mv build/constraints.txt constraints.txt && rm -rf build/lock
@@ -50,7 +50,7 @@ clean: ## Remove everything that setup, checks and tests leave behind
 	@echo 'Installing into .venv; the first time this takes a few minutes.'
 	$(PYTHON) -m venv .venv
 	$(BIN)/pip install $(PIP) hatchling
-	$(BIN)/pip install $(PIP) --no-build-isolation -e '.[seek,dask,gymnasium,postgres,dev]'
+	$(BIN)/pip install $(PIP) --no-build-isolation -e '.[seek,dask,gymnasium,lerobot,postgres,dev]'
 	@touch $@
 
 # Kernels are compiled before several processes want them at the same time.

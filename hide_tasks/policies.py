@@ -1,12 +1,14 @@
 """The built-in policies. Expert and amnesiac are privileged: they see the world itself."""
 
 from collections.abc import Callable, Sequence
+from functools import partial
 
 import numpy as np
 
 from hide_tasks.amnesiac import Amnesiac
 from hide_tasks.bullet.world import World
 from hide_tasks.contract import Action, EpisodeSpec, Keyframe, Observation, Policy, Stop
+from hide_tasks.dense import DenseExpert
 from hide_tasks.layout import BOUNDS
 from hide_tasks.motion.general import top_down
 from hide_tasks.script import script
@@ -78,6 +80,8 @@ _MAKERS: dict[str, Callable[[], Policy]] = {
     "amnesiac": Amnesiac,
     "random": Random,
     "noop": Noop,
+    "expert-joint-position": partial(DenseExpert, "joint_position"),
+    "expert-ee-delta": partial(DenseExpert, "ee_delta"),
 }
 BUILTIN = tuple(_MAKERS)
 

@@ -58,6 +58,11 @@ class WireName(StrEnum):
     gr00t = "gr00t"
 
 
+class DemosFormat(StrEnum):
+    hide = "hide"
+    lerobot = "lerobot"
+
+
 class CategoryName(StrEnum):
     RC = "RC"
     HSR = "HSR"
@@ -116,7 +121,8 @@ def evaluate(
         str,
         Argument(
             metavar="POLICY",
-            help="expert, amnesiac, random, noop; seek-small or sam2act-small, trained "
+            help="expert, amnesiac, random, noop; expert-joint-position or expert-ee-delta, the "
+            "expert's motion in rows at 20 Hz; seek-small or sam2act-small, trained "
             "checkpoints that come along; replay:DIR, the actions of another run, or "
             "replay:FILE.json, those of an episode; a checkpoint, path/to/file.safetensors; your "
             "own class, python:module:Class or "
@@ -216,12 +222,21 @@ def demos(
         int | None, Option(help="Per task, the first so many of the split; default: all.")
     ] = None,
     workers: Workers = None,
+    form: Annotated[
+        DemosFormat,
+        Option(
+            "--format",
+            help="hide: keyframes, for hide train; lerobot: a LeRobotDataset v3.0 of the expert's "
+            "dense motion at 20 Hz, one folder for one such command.",
+        ),
+    ] = DemosFormat.hide,
 ) -> None:
     """Record the expert for training: images, keyframes, stages, hidden state; resumes."""
-    from server.run import demonstrate
+    from server.run import demonstrate, export_lerobot
 
     names, count = chosen_tasks(tasks, suite=suite), episode_count(episodes, split.value)
-    if demonstrate(names, out, split=split.value, episodes=count, workers=workers):
+    record = export_lerobot if form is DemosFormat.lerobot else demonstrate
+    if record(names, out, split=split.value, episodes=count, workers=workers):
         raise typer.Exit(1)
 
 

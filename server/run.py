@@ -7,9 +7,9 @@ from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 from time import monotonic
-from typing import Any
+from typing import Any, Protocol
 
-from hide_tasks.contract import Split
+from hide_tasks.contract import EpisodeSpec, Split
 from server.arguments import BadUsage
 from server.progress import EVERY, Reporter, reporting
 from workers.engines.processes import limit_threads, prepare_process
@@ -75,13 +75,69 @@ def demonstrate(
         KeyboardInterrupt: it was stopped; what is recorded stays.
     """
     from hide_tasks.demos import DemosError, Folder
-    from hide_tasks.suite import episodes as episodes_of
 
     try:
         demos = Folder.prepare(folder, tasks, split)
     except DemosError as error:
         raise BadUsage(str(error)) from None
-    wanted = [spec for task in tasks for spec in episodes_of(task, split, episodes)]
+    return _record(demos, folder, _episodes(tasks, split, episodes), workers)
+
+
+def export_lerobot(
+    tasks: Sequence[str],
+    folder: Path,
+    *,
+    split: Split = "train",
+    episodes: int | None = None,
+    workers: int | None = None,
+) -> int:
+    """Records the dense expert's episodes as a data set of LeRobot; how many are left out.
+
+    Raises:
+        BadUsage: the folder cannot be used.
+        KeyboardInterrupt: it was stopped; what is recorded stays.
+    """
+    from hide_tasks.demos import DemosError
+    from hide_tasks.lerobot_export import Export
+
+    try:
+        export = Export.prepare(folder, tasks, split, episodes)
+    except DemosError as error:
+        raise BadUsage(str(error)) from None
+    wanted = _episodes(tasks, split, episodes)
+    failures = _record(export, folder, wanted, workers)
+    with reporting() as reporter:
+        try:
+            export.finish(wanted)
+        except DemosError as error:
+            reporter.say(str(error))
+        if names := export.refused(wanted):
+            reporter.say(f"{len(names)} left out of {len(wanted)}: {', '.join(names)}")
+        if export.finished:
+            reporter.say(f"{folder}: a LeRobotDataset of {len(wanted) - len(names)} episodes")
+        return len(names) or failures
+
+
+def _episodes(tasks: Sequence[str], split: Split, episodes: int | None) -> list[EpisodeSpec]:
+    from hide_tasks.suite import episodes as episodes_of
+
+    return [spec for task in tasks for spec in episodes_of(task, split, episodes)]
+
+
+class _Recorder(Protocol):
+    """A folder that episodes are recorded into."""
+
+    def left(self, specs: Sequence[EpisodeSpec]) -> list[EpisodeSpec]:
+        """The episodes that it lacks."""
+
+    def add(self, spec: EpisodeSpec) -> int:
+        """Records one; its size in bytes."""
+
+
+def _record(
+    demos: _Recorder, folder: Path, wanted: Sequence[EpisodeSpec], workers: int | None
+) -> int:
+    """Records what a folder lacks, several at a time; how many could not be recorded."""
     left = demos.left(wanted)
     limit_threads()
     executor = ProcessPoolExecutor(

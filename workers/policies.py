@@ -26,8 +26,10 @@ from workers.remote.wires import BY_SCHEME
 from workers.sandbox.choice import Sandbox
 
 BUILTIN = ("expert", "amnesiac", "random", "noop")
+DENSE = ("expert-joint-position", "expert-ee-delta")  # the expert's motion; on no leaderboard
 ACCEPTED = (
-    f"{', '.join(BUILTIN)}, replay:DIR (a run folder), replay:FILE.json (an episode's actions), "
+    f"{', '.join((*BUILTIN, *DENSE))}, replay:DIR (a run folder), "
+    "replay:FILE.json (an episode's actions), "
     "python:module:Class or python:path/to/file.py:Class, "
     f"{', '.join(trained.POLICIES)} (trained checkpoints that come along), "
     "a checkpoint, path/to/file.safetensors; a policy that is served, ws://host:port or wss://…, "
@@ -315,7 +317,7 @@ def parse(
         raise BadPolicy(
             f"{maps} declares a remote policy; '{text}' is none, as ws://host:port would be."
         )
-    if text in BUILTIN:
+    if text in (*BUILTIN, *DENSE):
         return BuiltIn(text)
     if text in trained.POLICIES:
         return read_trained(text, surroundings, folder)
@@ -329,7 +331,7 @@ def parse(
 
 
 def _nearest(text: str) -> str:
-    near = difflib.get_close_matches(text, (*BUILTIN, *trained.POLICIES), n=1)
+    near = difflib.get_close_matches(text, (*BUILTIN, *DENSE, *trained.POLICIES), n=1)
     return f" Did you mean {near[0]}?" if near else ""
 
 

@@ -36,6 +36,7 @@ HOLD = 300.0  # N at which a held thing gives way
 NEAR = 0.002  # m between finger and link that counts as touching
 JOINT_SPEED = 1.6  # rad/s, peak
 TIP_SPEED = 0.6  # m/s, peak
+RAMP = 2 / 3  # of a dense row, until its target is told in full; at once, things would be jerked
 SETTLED = 2e-3  # rad from the target: put exactly there, so that no history is left in it
 BLOCKED = 0.02  # rad from the target: something was in the way
 LINKS = ("panda_link0", *(f"panda_link{i}" for i in range(1, 8)))
@@ -106,7 +107,7 @@ class Robot:
 
     def follow(self, path: Array) -> bool:
         """True when the arm came to the end of a joint path (n, 7); else it was blocked."""
-        for target in _timed(path):
+        for target in timed(path):
             self._aim(target)
             self.step()
         self._settle(path[-1])
@@ -121,9 +122,10 @@ class Robot:
             self._place(self.target)
 
     def servo(self, target: Array, steps: int) -> None:
-        """Drive the joints to a target for a number of physics steps."""
-        self._aim(np.clip(target, kinematics.LOWER, kinematics.UPPER))
-        for _ in range(steps):
+        """Send the joints evenly to a target, then let the arm catch up; so many physics steps."""
+        start, goal = self.target, np.clip(target, kinematics.LOWER, kinematics.UPPER)
+        for step in range(1, steps + 1):
+            self._aim(start + (goal - start) * min(step / (RAMP * steps), 1.0))
             self.step()
 
     def set_fingers(self, opened: bool) -> None:
@@ -311,7 +313,7 @@ def _link_index(name: str) -> int:
     return fixed.get(name, int(name[-1]) - 1 if name[-1].isdigit() else -1)
 
 
-def _timed(path: Array) -> Iterator[Array]:
+def timed(path: Array) -> Iterator[Array]:
     """The joint targets of every physics step along a path, on a minimum-jerk profile."""
     tips = np.array([kinematics.tip_pose(joints)[:3, 3] for joints in path])
     turned = np.abs(np.diff(path, axis=0)).max(axis=1, initial=0.0)

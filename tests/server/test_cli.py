@@ -139,6 +139,8 @@ def test_help(capfd, arguments: list[str]) -> None:
         ("certify --tasks fly", "No task 'fly'."),
         ("demos", "Missing option '--out'"),
         ("demos --out d --tasks fly", "No task 'fly'."),
+        ("demos --out d --format rlds", "'rlds' is not one of 'hide', 'lerobot'"),
+        ("demos --out d --format lerobot --tasks fly", "No task 'fly'."),
         ("demos --out d --episodes 101", "--episodes 101: train has 100 a task; give 1 to 100"),
     ],
 )
@@ -211,6 +213,35 @@ def test_demonstrations_are_recorded_once(capfd, tmp_path: Path) -> None:
     assert "1 of 1 demonstrations" in errors
     assert before.items() <= after.items()
     assert set(after) - set(before) == {f"{task}/val-001.npz"}
+
+
+def test_demonstrations_for_lerobot_are_recorded_once(capfd, tmp_path: Path) -> None:
+    out = tmp_path / "set"
+    asked = ("--format", "lerobot", "--tasks", "push_button_times", "--split", "val")
+    command = ("demos", "--out", out, *asked, "--episodes", 1, "--workers", 1)
+
+    status, output, errors = hide(capfd, *command)
+
+    assert (status, output) == (0, "")
+    assert "a LeRobotDataset of 1 episodes" in errors
+    before = contents(out)
+    assert json.loads(before["meta/info.json"])["total_episodes"] == 1
+    status, _, errors = hide(capfd, *command)
+    assert status == 0
+    assert "0 demonstrations to record, 1 there" in errors
+    assert contents(out) == before
+
+
+def test_what_is_there_is_no_place_for_lerobot(capfd, tmp_path: Path) -> None:
+    (tmp_path / "thesis.tex").write_text("chapter one")
+    before = contents(tmp_path)
+
+    status, output, errors = hide(capfd, "demos", "--out", tmp_path, "--format", "lerobot")
+
+    assert (status, output) == (2, "")
+    assert errors.startswith("hide: ")
+    assert "holds something else" in errors
+    assert contents(tmp_path) == before
 
 
 def test_demonstrations_by_other_sources_are_left_alone(capfd, tmp_path: Path) -> None:

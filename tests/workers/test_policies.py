@@ -24,10 +24,10 @@ from workers.policies import (
 
 
 def test_the_built_in_policies_are_those_of_the_benchmark() -> None:
-    assert policies.BUILTIN == builtin.BUILTIN
+    assert (*policies.BUILTIN, *policies.DENSE) == builtin.BUILTIN
 
 
-@pytest.mark.parametrize("name", policies.BUILTIN)
+@pytest.mark.parametrize("name", builtin.BUILTIN)
 def test_a_built_in_policy(name: str) -> None:
     assert parse(name) == BuiltIn(name)
 
@@ -43,7 +43,8 @@ def test_a_researchers_own_class(target: str) -> None:
 def test_anything_else_is_told_what_is_accepted(text: str) -> None:
     with pytest.raises(
         BadPolicy,
-        match=r"expert, amnesiac, random, noop, replay:DIR .*replay:FILE.json .*python:module"
+        match=r"expert, amnesiac, random, noop, expert-joint-position, expert-ee-delta, "
+        r"replay:DIR .*replay:FILE.json .*python:module"
         r".*seek-small, sam2act-small .*path/to/file.safetensors",
     ):
         parse(text)
