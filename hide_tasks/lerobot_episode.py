@@ -11,7 +11,6 @@ import numpy as np
 from hide_tasks import lerobot_format as form
 from hide_tasks import lerobot_video as video
 from hide_tasks.contract import (
-    CAMERAS,
     CONTROL_HZ,
     EpisodeResult,
     EpisodeSpec,
@@ -70,9 +69,9 @@ def _write(
     import pyarrow.parquet as pq
 
     pixels = []
-    for camera, key in zip(CAMERAS, form.VIDEOS, strict=True):
+    for camera in frames.observations[0].views:
         images = np.array([seen.views[camera].rgb for seen in frames.observations])
-        video.write(folder / f"{key}.mp4", images)
+        video.write(folder / f"{form.VIDEOS[camera]}.mp4", images)
         pixels.append(form.histograms(images))
     np.save(folder / PIXELS, np.array(pixels))
     pq.write_table(form.frames_table(_columns(frames, found)), folder / FRAMES)
@@ -125,7 +124,7 @@ class Part:
 
     @property
     def histograms(self) -> Any:
-        """(4, 3, 256) how many pixels of a camera have each value."""
+        """(c, 3, 256) how many pixels of a camera have each value."""
         return np.load(self.folder / PIXELS)
 
     def columns(self) -> dict[str, Any]:
@@ -144,6 +143,11 @@ class Part:
                 yield name, column.to_pylist()
             else:
                 yield name, column.to_numpy()
+
+    @property
+    def videos(self) -> list[str]:
+        """The keys of its cameras, in their order."""
+        return [key for key in form.VIDEOS.values() if self.video(key).is_file()]
 
     def video(self, key: str) -> Path:
         """What a camera saw."""

@@ -1,4 +1,4 @@
-"""A folder of demonstrations in LeRobot's format: dense actions, four cameras, what was hidden.
+"""A folder of demonstrations in LeRobot's format: dense actions, what cameras saw, what was hidden.
 
 While episodes are recorded they lie in `.parts`, each whole or not there. When all that were
 asked for are, the set is put together beside its place and moved there: a folder without
@@ -16,6 +16,7 @@ from typing import Any, Self
 
 from hide_tasks import lerobot_format as form
 from hide_tasks import suite
+from hide_tasks.catalogue import suite_of
 from hide_tasks.contract import EpisodeSpec, Split
 from hide_tasks.demos import INDEX, DemosError
 from hide_tasks.lerobot_episode import Part, record
@@ -125,7 +126,7 @@ class Export:
 def _request(tasks: Sequence[str], split: Split, episodes: int | None) -> dict[str, Any]:
     return {
         "format": FORMAT,
-        "suite": suite.SUITE,
+        "suite": suite_of(tasks[0]),
         "version": suite.VERSION,
         "tasks": list(tasks),
         "split": split,

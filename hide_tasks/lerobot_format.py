@@ -25,7 +25,7 @@ VIDEO = f"videos/{{video_key}}/{PLACE}.mp4"
 EPISODES = f"meta/episodes/{PLACE}.parquet"
 INFO, STATS, TASKS = "meta/info.json", "meta/stats.json", "meta/tasks.parquet"
 
-VIDEOS = tuple(f"observation.images.{camera}" for camera in CAMERAS)
+VIDEOS = {camera: f"observation.images.{camera}" for camera in CAMERAS}
 JOINTS = tuple(f"joint_{number}" for number in range(1, 8))
 POSE = ("x", "y", "z", "qx", "qy", "qz", "qw")
 STEP = ("dx", "dy", "dz", "rx", "ry", "rz")
@@ -52,7 +52,7 @@ QUANTILES = {"q01": 0.01, "q10": 0.1, "q50": 0.5, "q90": 0.9, "q99": 0.99}
 Stats = dict[str, list[Any]]
 
 
-def features() -> dict[str, dict[str, Any]]:
+def features(videos: Sequence[str]) -> dict[str, dict[str, Any]]:
     """Every column and video, as `meta/info.json` declares them."""
     shape = [IMAGE_SIZE, IMAGE_SIZE, 3]
     names = ["height", "width", "channels"]
@@ -61,10 +61,10 @@ def features() -> dict[str, dict[str, Any]]:
         for name, parts in VECTORS.items()
     }
     scalars = {name: {"dtype": kind, "shape": [1], "names": None} for name, kind in SCALARS.items()}
-    videos = {
-        key: {"dtype": "video", "shape": shape, "names": names, "info": _video()} for key in VIDEOS
+    seen = {
+        key: {"dtype": "video", "shape": shape, "names": names, "info": _video()} for key in videos
     }
-    return {**videos, **vectors, **scalars}
+    return {**seen, **vectors, **scalars}
 
 
 def _video() -> dict[str, Any]:
@@ -82,8 +82,8 @@ def _video() -> dict[str, Any]:
     }
 
 
-def info(episodes: int, frames: int, tasks: int) -> dict[str, Any]:
-    """The document of `meta/info.json`."""
+def info(episodes: int, frames: int, tasks: int, videos: Sequence[str]) -> dict[str, Any]:
+    """The document of `meta/info.json`; `videos` are the keys of the cameras that there are."""
     return {
         "codebase_version": VERSION,
         "robot_type": "panda",
@@ -97,7 +97,7 @@ def info(episodes: int, frames: int, tasks: int) -> dict[str, Any]:
         "splits": {"train": f"0:{episodes}"},
         "data_path": DATA,
         "video_path": VIDEO,
-        "features": features(),
+        "features": features(videos),
     }
 
 

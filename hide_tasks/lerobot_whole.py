@@ -34,7 +34,7 @@ class _Whole:
     instructions: list[str] = field(default_factory=list)
     episodes: list[dict[str, Any]] = field(default_factory=list)
     columns: dict[str, list[Any]] = field(default_factory=dict)  # of all episodes, for statistics
-    pixels: Any = 0  # (4, 3, 256)
+    pixels: Any = 0  # (c, 3, 256)
     frames: int = 0
     rows: "_Rows | None" = None
     videos: dict[str, tuple[int, Joined]] = field(default_factory=dict)
@@ -51,12 +51,12 @@ class _Whole:
             **self._data(columns),
             "dataset_from_index": self.frames,
             "dataset_to_index": self.frames + count,
-            **{k: v for key in form.VIDEOS for k, v in self._video(key, part).items()},
+            **{k: v for key in part.videos for k, v in self._video(key, part).items()},
             "meta/episodes/chunk_index": 0,
             "meta/episodes/file_index": 0,
             **about,
         }
-        stats = _statistics(columns, part.histograms, count)
+        stats = _statistics(columns, part.videos, part.histograms, count)
         self.episodes.append(episode | _flat(stats))
         for name in form.numeric():
             self.columns.setdefault(name, []).append(columns[name])
@@ -80,8 +80,9 @@ class _Whole:
         pq.write_table(pa.Table.from_pylist(self.episodes), place)
         pq.write_table(form.tasks_table(self.instructions), self.folder / form.TASKS)
         columns = {name: np.concatenate(some) for name, some in self.columns.items()}
-        stats = _statistics(columns, self.pixels, self.frames)
-        info = form.info(len(self.episodes), self.frames, len(self.instructions))
+        keys = list(self.videos)
+        stats = _statistics(columns, keys, self.pixels, self.frames)
+        info = form.info(len(self.episodes), self.frames, len(self.instructions), keys)
         for path, document in ((form.STATS, stats), (form.INFO, info)):
             (self.folder / path).write_text(json.dumps(document, indent=1) + "\n")
 
@@ -135,10 +136,12 @@ class _Rows:
         return self.path.stat().st_size
 
 
-def _statistics(columns: dict[str, Any], pixels: Any, frames: int) -> dict[str, form.Stats]:
+def _statistics(
+    columns: dict[str, Any], videos: Sequence[str], pixels: Any, frames: int
+) -> dict[str, form.Stats]:
     seen = {
         key: form.statistics_of_pixels(counts, frames)
-        for key, counts in zip(form.VIDEOS, pixels, strict=True)
+        for key, counts in zip(videos, pixels, strict=True)
     }
     return seen | {name: form.statistics_of(columns[name]) for name in form.numeric()}
 

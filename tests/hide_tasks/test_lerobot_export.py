@@ -9,7 +9,7 @@ import pytest
 
 from hide_tasks import lerobot_format as form
 from hide_tasks import suite
-from hide_tasks.contract import CAMERAS, JointPosition
+from hide_tasks.contract import JointPosition
 from hide_tasks.demos import DemosError, Folder
 from hide_tasks.dense import CHUNK, motion
 from hide_tasks.episode import play
@@ -76,7 +76,7 @@ def test_episodes_follow_each_other_without_gaps(whole):
         assert episode["dataset_from_index"] == end
         end += episode["length"]
         assert episode["dataset_to_index"] == end
-        for key in form.VIDEOS:
+        for key in form.VIDEOS.values():
             assert episode[f"videos/{key}/from_timestamp"] == ended
             assert episode[f"videos/{key}/to_timestamp"] == end / 20
         ended = end / 20
@@ -102,7 +102,7 @@ def test_frames_name_their_instruction_by_number(whole):
 def test_the_statistics_are_those_of_all_frames(whole):
     stats, table = document(whole, form.STATS), frames(whole)
 
-    assert set(stats) == {*form.VIDEOS, *form.numeric()}
+    assert set(stats) == {*form.VIDEOS.values(), *form.numeric()}
     for name in form.numeric():
         values = column(table, name).reshape(table.num_rows, -1).astype(float)
         for key, found in (
@@ -120,7 +120,7 @@ def test_what_the_videos_show_is_what_was_seen(whole):
     motion(SPECS[1], lambda world, _: seen.append(world.observe()))
     first = episodes(whole)[1]["dataset_from_index"]
 
-    for camera, key in zip(CAMERAS, form.VIDEOS, strict=True):
+    for camera, key in form.VIDEOS.items():
         with av.open(str(whole.path / form.VIDEO.format(video_key=key, **form.place(0)))) as file:
             shown = list(file.decode(video=0))
         assert len(shown) == frames(whole).num_rows
@@ -274,6 +274,6 @@ def test_files_that_have_grown_are_followed_by_others(tmp_path, monkeypatch):
         assert episode["data/file_index"] == number
         table = pq.read_table(export.path / form.DATA.format(**form.place(number)))
         assert table.num_rows == episode["length"]
-        for key in form.VIDEOS:
+        for key in form.VIDEOS.values():
             assert episode[f"videos/{key}/file_index"] == number
             assert episode[f"videos/{key}/from_timestamp"] == 0
