@@ -19,7 +19,7 @@ def scatter_blocks(
 ) -> tuple[list[Block], list[Block]]:
     """The blocks of a colour and those of another; who lies on which side is chance."""
     targets = [Block(color, SIZE, MASS) for _ in range(count)]
-    other = _other_than(color, [list(COLORS)[i] for i in layout.rng.permutation(len(COLORS))])
+    other = other_than(color, [list(COLORS)[i] for i in layout.rng.permutation(len(COLORS))])
     distractors = [Block(other, SIZE, MASS) for _ in range(others)]
     mixed = [[*targets, *distractors][i] for i in layout.rng.permutation(count + others)]
     half = (count + others) // 2
@@ -29,6 +29,6 @@ def scatter_blocks(
     return targets, distractors
 
 
-def _other_than(color: str, order: list[str]) -> str:
+def other_than(color: str, order: list[str]) -> str:
     """The first that is clearly another colour."""
     return next(name for name in order if math.dist(COLORS[name], COLORS[color]) > DISTINCT)

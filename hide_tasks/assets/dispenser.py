@@ -3,13 +3,14 @@
 Like a cafeteria's for plates: let into the table, it holds a pile of equal things.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
-from hide_tasks.assets.asset import Asset, Link, box, shade
-from hide_tasks.assets.colors import RGB
-from hide_tasks.poses import Array, pose
+from hide_tasks.assets.asset import Asset, Link, Shape, box, shade
+from hide_tasks.assets.colors import COLORS, RGB
+from hide_tasks.poses import Array, pose, quaternion
 
 SPEED = 0.0012  # m per physics step that the pile moves: 0.29 m/s
 ASIDE, OVER = 0.02, 0.015  # m from where it would stand that a thing may be let go
@@ -121,3 +122,35 @@ class BlockDispenser(Dispenser):
         shaft = box((0.10, 0.10, SHAFT), (0, 0, -0.04 - SHAFT / 2), shade(STEEL, 0.6), solid=False)
         self.links = (Link("dispenser", (*collar, foot, shaft)),)
 
+
+FOOT, RIM, HOLLOW = 0.054, 0.058, 0.0495  # m, radii of the tall cup, outer and inner
+LOWER = 0.020  # m of its rim under that of the cup in it
+STAVES = 12  # boxes round the hollow
+
+
+@dataclass
+class CupDispenser(Dispenser):
+    """A tall cup with a spring floor; another cup stands in it. It is fixed to the table."""
+
+    color: str = "red"
+    height: float = 0.10  # m of the cups in it
+    radius = 0.06
+
+    def __post_init__(self) -> None:
+        high, color = self.rim, COLORS[self.color]
+        line = ((0.0, 0.0), (FOOT, 0.0), (RIM, high), (HOLLOW, high), (HOLLOW, 0.02), (0.0, 0.02))
+        seen = Shape("lathe", tuple(v for p in line for v in p), color, solid=False)
+        shaft = box((0.10, 0.10, SHAFT), (0, 0, -0.04 - SHAFT / 2), shade(STEEL, 0.6), solid=False)
+        self.links = (Link("dispenser", (seen, shaft, *map(self._stave, range(STAVES)))),)
+
+    @property
+    def rim(self) -> float:
+        """Its upper edge above the foot, m."""
+        return self.level + self.height / 2 - LOWER
+
+    def _stave(self, number: int) -> Shape:
+        turn, thick = 2 * math.pi * number / STAVES, FOOT - HOLLOW
+        away, wide = HOLLOW + thick / 2, 2 * FOOT * math.tan(math.pi / STAVES)
+        place = (away * math.cos(turn), away * math.sin(turn), self.rim / 2)
+        at = (*place, *quaternion(yaw=turn).tolist())
+        return Shape("box", (thick, wide, self.rim), COLORS[self.color], at=at, seen=False)
