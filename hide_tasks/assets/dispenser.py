@@ -32,6 +32,7 @@ class Dispenser(Asset):
     pitch: float  # m that a thing stands above the one below it
     pile: list[int] = field(init=False, default_factory=list)  # numbers of things, top last
     lift: float = field(init=False, default=0.0)  # m of the top one above its place
+    _kept: list[Array] = field(init=False, default_factory=list)  # where those of the pile are
 
     def store(self, number: int) -> None:
         """Begin with the numbered thing on top of what is inside."""
@@ -50,25 +51,31 @@ class Dispenser(Asset):
 
     def act(self) -> None:
         """Let the top one go, take in what was put on it, move, keep all where they are."""
+        before = len(self.pile), self.lift
         if self.pile and self.things[self.pile[-1]].body.held():
             self.pile.pop()
             self.lift -= self.pitch
         elif self.lift <= 0.0:
             self._take_in()
+        self._move()
+        if (len(self.pile), self.lift) != before or not self._kept:
+            self._kept = self._places()
+        for number, at in zip(self.pile, self._kept, strict=True):
+            self.things[number].body.place(at)
+
+    def _move(self) -> None:
         if self.lift > 0.0:
             self.lift = max(self.lift - SPEED, 0.0)
         elif self.lift < 0.0 and not self._in_the_way():
             self.lift = min(self.lift + SPEED, 0.0)
-        for number, at in zip(self.pile, self._places(), strict=True):
-            self.things[number].body.place(at)
 
     def _take_in(self) -> None:
         for number, thing in enumerate(self.things):
-            if number not in self.pile and self._on_top(thing.position):
-                if not thing.body.held():
-                    self.pile.append(number)
-                    self.lift += self.pitch
-                    return
+            free = number not in self.pile and not thing.body.held()
+            if free and self._on_top(thing.position):
+                self.pile.append(number)
+                self.lift += self.pitch
+                return
 
     def _on_top(self, position: Sequence[float]) -> bool:
         x, y, z = (p - q for p, q in zip(position, self._at(self.top + self.pitch), strict=True))

@@ -6,6 +6,7 @@ from functools import cached_property
 
 from hide_tasks.assets.asset import Asset, Link, Shape, box, shade
 from hide_tasks.assets.colors import RGB
+from hide_tasks.assets.container import FLOOR, WALL, Container
 from hide_tasks.assets.rubbish import BIN_HEIGHT, BIN_SIDE, BIN_WALL, Bin
 from hide_tasks.assets.rubbish import HEIGHT as PAPER_HEIGHT
 from hide_tasks.assets.rubbish import WIDTH as PAPER_WIDTH
@@ -58,8 +59,6 @@ class Swallowing(Asset):
                 thing.body.place(place)
 
 
-WALL = 0.008  # m
-FLOOR = 0.004  # m
 ROWS = 3  # of places, and as many in a row
 PITCH = 0.053  # m from place to place
 OPENING = 0.07  # m, square: a little larger than a block
@@ -67,15 +66,14 @@ SUNK = 0.010  # m of the flap under the top
 LIP = 0.006  # m of the frame around the opening
 
 
-@dataclass
-class PostingBox(Swallowing):
-    """A closed box with a flap in its top, for blocks of one size; its frame is its foot's middle."""
+@dataclass(kw_only=True)
+class PostingBox(Container, Swallowing):
+    """A closed box with a flap in its top, for blocks of one size."""
 
     things: Sequence[Asset]
     size: float  # m of a block
     inside: float = 0.164  # m, either way
-    rim: float = 0.130  # m, its top above the table
-    color: RGB = (150, 110, 75)
+    depth: float = 0.126  # m
 
     def __post_init__(self) -> None:
         high, off = self.rim - WALL, (self.inside + WALL) / 2

@@ -18,6 +18,7 @@ class SearchBoxesHard(SearchBoxes):
     instructions = (
         "take shoes out of box, searching the {first} box first, then the {second} box",
         "look into the {first} box, then into the {second} box, and take the shoes out",
+        "open the {first} box first, the {second} box if need be, and remove the shoes",
         "find the shoes and put them on the table; open the {first} box before the {second} box",
     )
     variations = Grid(shoes_in=SIDES, first=SIDES)

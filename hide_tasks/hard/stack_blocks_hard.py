@@ -43,10 +43,9 @@ class StackBlocksHard(StackBlocks):
     def build(self) -> None:
         count, color = self.variation.count, self.variation.color
         blocks, self.distractors = scatter_blocks(self.layout, color, count=MOST, others=OTHERS)
-        first = self.layout.add(Block(color, SIZE, MASS), *PATCH_AT)
-        self.dispenser = self.layout.add(
-            BlockDispenser([*blocks, first], LEVEL, SIZE, size=SIZE), *PATCH_AT
-        )
+        self.blocks = [*blocks, self.layout.add(Block(color, SIZE, MASS), *PATCH_AT)]
+        dispenser = BlockDispenser(self.blocks, LEVEL, SIZE, size=SIZE)
+        self.dispenser = self.layout.add(dispenser, *PATCH_AT)
         loose = count + self.variation.extra
         for number in range(MOST, loose - 1, -1):
             self.dispenser.store(number)
@@ -54,7 +53,7 @@ class StackBlocksHard(StackBlocks):
 
     def stage(self) -> str:
         stacked = self._stacked()
-        return "withdraw" if stacked >= self.variation.count else f"block {stacked + 1}"
+        return "withdraw" if stacked >= self.variation.count else self._name(stacked + 1)
 
     def expert(self) -> Iterator[Stage]:
         yield from super().expert()
@@ -80,9 +79,13 @@ class StackBlocksHard(StackBlocks):
             f"at the dispenser, all are stacked or one is lacking; {extra} lie about",
         )
 
+    def _name(self, number: int) -> str:
+        """A stage is told by what is to be seen then: how many lay about, and which this is."""
+        return f"block {number} of {len(self.targets)}"
+
     def _blocks(self) -> list[Block]:
         """Those that are not in the dispenser."""
-        every = [*self.dispenser.things, *self.distractors]
+        every = [*self.blocks, *self.distractors]
         return [block for block in every if not self.dispenser.holds(block)]
 
     def _stacked(self) -> int:

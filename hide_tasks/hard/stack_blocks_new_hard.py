@@ -37,15 +37,14 @@ class StackBlocksNewHard(StackBlocksNew):
     }
 
     def build(self) -> None:
-        color = self.variation.color
-        blocks, self.distractors = scatter_blocks(
-            self.layout, color, count=MOST, others=OTHERS
-        )
+        layout, color = self.layout, self.variation.color
+        blocks, self.distractors = scatter_blocks(layout, color, count=MOST, others=OTHERS)
         loose = self.variation.count + self.variation.extra
         self.targets = blocks[:loose][::-1]  # the last is taken first: then the twin's are left
-        self.container = self.layout.add(PostingBox([*blocks, *self.distractors], SIZE), *CONTAINER_AT)
+        box = PostingBox(things=[*blocks, *self.distractors], size=SIZE)
+        self.container = layout.add(box, *CONTAINER_AT)
         for number in range(loose, MOST):
-            self.container.store(number)
+            box.store(number)
 
     def aliases(self) -> list[Alias]:
         return [self._alias(extra) for extra in EXTRAS[1:]]
@@ -58,6 +57,10 @@ class StackBlocksNewHard(StackBlocksNew):
             Moment(MOVES * (done - 1), {"extra": extra - 1}),
             f"at the container, all are in or one is lacking; {extra} lie outside",
         )
+
+    def _name(self, number: int) -> str:
+        """A stage is told by what is to be seen then: how many lay about, and which this is."""
+        return f"block {number} of {len(self.targets)}"
 
     def _over_corner(self, number: int) -> Array:
         """Where every block is let go: over the flap."""

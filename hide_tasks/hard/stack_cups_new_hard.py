@@ -8,17 +8,15 @@ from collections.abc import Mapping
 from itertools import permutations
 from typing import ClassVar
 
-import numpy as np
-
 from hide_tasks.assets.asset import Asset
 from hide_tasks.assets.block_sets import other_than
 from hide_tasks.assets.cup import Cup
 from hide_tasks.assets.dispenser import CupDispenser
 from hide_tasks.contract import Failure, Value
 from hide_tasks.layout import Area
-from hide_tasks.poses import Array
+from hide_tasks.poses import Array, point
 from hide_tasks.task import Alias, Grid, Moment
-from hide_tasks.tasks.stack_cups_new import GAP, NAMES, StackCupsNew
+from hide_tasks.tasks.stack_cups_new import GAP, NAMES, NTH, StackCupsNew
 
 NUMBERS = {"two": 2, "three": 3}  # one cup needs no memory: the hand is at the tall cup
 EXTRAS = (0, 1, 2)
@@ -81,12 +79,16 @@ class StackCupsNewHard(StackCupsNew):
             f"at the tall cup, all are stacked or one is lacking; {extra} stand about",
         )
 
+    def _name(self, done: int) -> str:
+        """A stage is told by what is to be seen then: how many stood about, and which this is."""
+        return f"stack {NTH[done]} of {len(self.others)}"
+
     def _order(self) -> list[Cup]:
         return self.others
 
     def _place(self, number: int) -> Array:
         """Where every cup is put: into the top one."""
-        return self.dispenser.at[:3] + np.array([0.0, 0.0, LEVEL + self.dispenser.pitch])
+        return point(self.dispenser.at, 0, 0, LEVEL + self.dispenser.pitch)
 
     def _cups(self) -> tuple[Cup, ...]:
         """Those that are not in the tall one."""

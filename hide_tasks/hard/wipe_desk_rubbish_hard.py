@@ -39,6 +39,8 @@ class WipeDeskRubbishHard(WipeDeskRubbish):
         "put the rubbish into the bin, then wipe the place where it lay",
         "throw the rubbish away and clean the spot that it was on with the sponge",
         "bin the rubbish and scrub the mat on which it was, and no other",
+        "clean the place of the rubbish once the rubbish is in the bin",
+        "after binning the rubbish, use the sponge where it had been",
     )
     histories = Grid(place=PLACES)
     keyframes = frozenset({9})
@@ -67,8 +69,8 @@ class WipeDeskRubbishHard(WipeDeskRubbish):
         between = self.layout.between
         x, y = (at + between(-JITTER, JITTER) for at in MIDDLE)
         middle = pose(x, y, TABLE_TOP, quaternion(yaw=between(-TURN, TURN)))
-        lying = pose(*(between(-LYING, LYING) for _ in "xy"), PAPER_HEIGHT / 2)
-        lying[3:] = quaternion(yaw=between(-0.6, 0.6))
+        across, along, turn = (between(-most, most) for most in (LYING, LYING, 0.6))
+        lying = pose(across, along, PAPER_HEIGHT / 2, quaternion(yaw=turn))
         places = {
             place: np.concatenate([point(middle, (i - 1) * SPACING, 0, 0), middle[3:]])
             for i, place in enumerate(PLACES)
@@ -117,4 +119,4 @@ class WipeDeskRubbishHard(WipeDeskRubbish):
 
 
 def _steps(axis: int) -> list[float]:
-    return np.linspace(-FILM[axis], FILM[axis], ROWS[axis]).tolist()
+    return [float(x) for x in np.linspace(-FILM[axis], FILM[axis], ROWS[axis])]

@@ -101,7 +101,7 @@ class StackCupsNew(Task):
 
     def stage(self) -> str:
         done = self.stacked
-        return "withdraw" if done >= self.wanted else f"stack {NTH[done]}"
+        return "withdraw" if done >= self.wanted else self._name(done)
 
     def expert(self) -> Iterator[Stage]:
         order = self._order()
@@ -110,7 +110,7 @@ class StackCupsNew(Task):
             alone = [np.array(other.position) for other in order[number + 1 :]]
             side = freest_side(cup, goal, alone)
             yield Stage(
-                f"stack {NTH[number]}",
+                self._name(number),
                 rim_move(here, cup, side, HOVER, opened=True),
                 rim_move(here, cup, side, 0.0, opened=False, touching=True),
                 rim_move(here, cup, side, LIFT, opened=False),
@@ -118,6 +118,10 @@ class StackCupsNew(Task):
                 rim_move(goal, cup, side, DROP, opened=True, touching=True),
             )
         yield Stage("withdraw", rim_move(goal, cup, side, RISE, opened=True))
+
+    def _name(self, done: int) -> str:
+        """The stage after so many cups."""
+        return f"stack {NTH[done]}"
 
     def _order(self) -> list[Cup]:
         """The nearest first."""
