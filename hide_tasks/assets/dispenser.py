@@ -120,7 +120,7 @@ class BlockDispenser(Dispenser):
 
     def __post_init__(self) -> None:
         hole, wall = self.size + 0.006, 0.010
-        high, off = self.level - 0.1 * self.size, (hole + wall) / 2
+        high, off = self.level - 0.45 * self.size, (hole + wall) / 2
         collar = (
             *(box((hole + 2 * wall, wall, high), (0, y, high / 2), STEEL) for y in (-off, off)),
             *(box((wall, hole, high), (x, 0, high / 2), STEEL) for x in (-off, off)),

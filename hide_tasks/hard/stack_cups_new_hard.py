@@ -35,6 +35,7 @@ class StackCupsNewHard(StackCupsNew):
     variations = Grid(color=NAMES, number=tuple(NUMBERS))
     histories = Grid(extra=EXTRAS)
     keyframes = frozenset({11, 16})
+    withdrawn = 0.31  # m: no way from the tall cup to the next one is so high
     remembers = "how many cups were put into the tall one"
     failures: ClassVar = {
         **StackCupsNew.failures,

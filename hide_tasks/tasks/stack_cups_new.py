@@ -52,6 +52,7 @@ class StackCupsNew(Task):
         Failure.DROPPED_OBJECT: "a cup fell off the table",
     }
     spoils = frozenset({Failure.OVERCOUNT})
+    withdrawn = WITHDRAWN
 
     @classmethod
     def words(cls, variation: Mapping[str, Value]) -> Mapping[str, Value]:
@@ -137,7 +138,7 @@ class StackCupsNew(Task):
         return {
             "stacked_exactly": self.stacked == self.wanted,
             "gripper_empty": not any(map(self.robot.holds, self._cups())),
-            "arm_withdrawn": self.robot.tip_height > WITHDRAWN,
+            "arm_withdrawn": self.robot.tip_height > self.withdrawn,
         }
 
     def missing(self) -> Failure:
