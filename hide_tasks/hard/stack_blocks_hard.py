@@ -19,7 +19,7 @@ from hide_tasks.tasks.stack_blocks import PATCH_AT, StackBlocks
 
 COUNTS, EXTRAS = (2, 3, 4), (0, 1, 2, 3)
 MOST = COUNTS[-1] + EXTRAS[-1]  # blocks of the colour beside the one in the dispenser
-OTHERS = 3
+OTHERS = 1
 LEVEL = 0.085  # m of the top block's middle above the table
 MOVES = 6  # keyframes of a block; the last one's rise is the withdrawal
 UP = 0.20  # m that the arm withdraws

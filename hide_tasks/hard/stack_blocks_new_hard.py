@@ -16,7 +16,7 @@ from hide_tasks.tasks.stack_blocks_new import CONTAINER_AT, OVER_RIM, StackBlock
 
 COUNTS, EXTRAS = (2, 3), (0, 1, 2, 3)  # one block needs no memory: the hand is at the container
 MOST = COUNTS[-1] + EXTRAS[-1]  # blocks of the colour, those inside from the start among them
-OTHERS = 3
+OTHERS = 2
 MOVES = 5  # keyframes of a block
 
 
