@@ -62,6 +62,7 @@ class StackCupsNewHard(StackCupsNew):
         for number in range(MOST, loose - 1, -1):
             self.dispenser.store(number)
         self.others = cups[:loose][::-1]  # the last is taken first: then the twin's are left
+        self.layout.hold(self.others)
         self.wrong = self.count("wrong_stacking", self._astray, up=0.5, down=0.5)
 
     @property

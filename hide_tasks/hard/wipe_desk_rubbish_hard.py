@@ -61,6 +61,7 @@ class WipeDeskRubbishHard(WipeDeskRubbish):
         every = [film for films in self.films.values() for film in films]
         (self.sponge,) = layout.scatter([Sponge(every)], SPONGE_AREA, gap=0.0, turn=0.4)
         self.sponge.at[2] += SPONGE_HEIGHT / 2
+        layout.hold([self.sponge])
         self._lay_out()
         self._count()
 

@@ -1,4 +1,4 @@
-"""The order of the search is told: the other side first is a step skipped, twice is one repeated."""
+"""The order of the search is told: the other side first is a skipped step, twice a repeated one."""
 
 import pytest
 
