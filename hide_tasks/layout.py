@@ -57,6 +57,11 @@ class Layout:
         self.seats.append(seat)
         return seat
 
+    def hold(self, things: Iterable[Asset]) -> None:
+        """Each stands exactly where it is until taken: then no grasp tells what was before."""
+        for thing in things:
+            self.seat(Seat(thing, thing.at, firm=True, taken=True))
+
     def scatter(self, assets: Iterable[A], area: Area, *, gap: float, turn: float = 0.0) -> list[A]:
         """The assets at random places of the area, their circles at least `gap` apart.
 

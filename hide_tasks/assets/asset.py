@@ -105,6 +105,11 @@ class Asset:
     def act(self) -> None:
         """What it does by itself, after every physics step: nothing."""
 
+    @property
+    def at_rest(self) -> bool:
+        """False while it moves by itself; the arm waits for it."""
+        return True
+
     def frame(self, x: float, y: float, z: float, rotation: Array | None = None) -> Array:
         """A pose given in the frame of the base, as it stands in the world at the start."""
         return compose(self.at, pose(x, y, z, rotation))

@@ -35,6 +35,15 @@ class Spot(Asset):
 
 
 @dataclass
+class Film(Spot):
+    """A spot of what is too clear to be seen."""
+
+    def drawn(self, link: int) -> Array | None:
+        """Nowhere."""
+        return None
+
+
+@dataclass
 class Sponge(Asset):
     """A sponge with a scouring pad; its frame is its middle, x along its length.
 

@@ -171,6 +171,8 @@ class Scene:
             velocity, turning = self.client.getBaseVelocity(body.id)
             if max(map(abs, velocity)) > 0.01 or max(map(abs, turning)) > 0.1:
                 return False
+        if not all(asset.at_rest for asset in self.lively):
+            return False
         return all(abs(state[1]) < SLOW for body in self.moving for state in body.states)
 
     def parts(self) -> list[Part]:

@@ -60,6 +60,7 @@ class SearchBoxes(Task):
         Failure.DROPPED_OBJECT: "a shoe fell off the table",
     }
     spoils = frozenset({Failure.DROPPED_OBJECT})
+    order: tuple[str, ...] = SIDES  # in which the expert searches
 
     def build(self) -> None:
         between = self.layout.between
@@ -94,11 +95,11 @@ class SearchBoxes(Task):
         opened = next((side for side in others if self.boxes[side].opening > SHUT), None)
         if opened:
             return f"close {opened}"
-        sides = [side for side in SIDES if not self.searches[side].total]
+        sides = [side for side in self.order if not self.searches[side].total]
         return f"open {sides[0] if sides else self.lid.side}"
 
     def expert(self) -> Iterator[Stage]:
-        return self._search(SIDES)
+        return self._search(self.order)
 
     def detours(self) -> list[Iterator[Stage]]:
         # Shows what to do with either box when it is open and empty.
@@ -156,7 +157,7 @@ class SearchBoxes(Task):
         return [Failure.REPEATED_STEP] * again + [Failure.DROPPED_OBJECT] * fell
 
     def aliases(self) -> list[Alias]:
-        last: Variation = {"shoes_in": SIDES[-1]}
+        last: Variation = {"shoes_in": self.order[-1]}
         return [Alias(Moment(0, last), Moment(8, last), "both boxes shut, none or one searched")]
 
     def _out(self, shoe: Shoe) -> bool:

@@ -65,6 +65,7 @@ class SearchCupFromCabinet(Task):
         Failure.DROPPED_OBJECT: "the cup fell off the table",
     }
     spoils = frozenset({Failure.DROPPED_OBJECT})
+    order: tuple[str, ...] = SIDES  # in which the expert searches
 
     def build(self) -> None:
         between = self.layout.between
@@ -99,11 +100,11 @@ class SearchCupFromCabinet(Task):
         opened = next((side for side in others if self.cabinet[side].opening > SHUT), None)
         if opened:
             return f"close {opened}"
-        left = [side for side in SIDES if not self.searches[side].total]
+        left = [side for side in self.order if not self.searches[side].total]
         return f"open {left[0] if left else self.door.side}"
 
     def expert(self) -> Iterator[Stage]:
-        return self._search(SIDES)
+        return self._search(self.order)
 
     def detours(self) -> list[Iterator[Stage]]:
         # Shows what to do with either side when it is open and empty.
@@ -175,7 +176,7 @@ class SearchCupFromCabinet(Task):
         return [Failure.REPEATED_STEP] * again + [Failure.DROPPED_OBJECT] * fell
 
     def aliases(self) -> list[Alias]:
-        last: Variation = {"cup_on": SIDES[-1]}
+        last: Variation = {"cup_on": self.order[-1]}
         return [Alias(Moment(0, last), Moment(6, last), "both sides shut, none or one searched")]
 
     def _within(self) -> bool:

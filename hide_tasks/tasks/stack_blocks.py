@@ -58,14 +58,14 @@ class StackBlocks(Task):
 
     def stage(self) -> str:
         stacked = self._stacked()
-        return "done" if stacked >= self.variation.count else f"block {stacked + 1}"
+        return "done" if stacked >= self.variation.count else self._name(stacked + 1)
 
     def expert(self) -> Iterator[Stage]:
         for number, block in enumerate(self.targets[: self.variation.count], 1):
             goal = self._level(number) + np.array([0.0, 0.0, DROP])
             moves = (above(block), grasp(block), lift(block), carry_over(goal, CLEAR), let_go(goal))
             rise = () if number == self.variation.count else (rise_from(goal, RISE),)
-            yield Stage(f"block {number}", *moves, *rise)
+            yield Stage(self._name(number), *moves, *rise)
 
     def checks(self) -> Checks:
         return {
@@ -90,6 +90,10 @@ class StackBlocks(Task):
 
     def aliases(self) -> list[Alias]:
         return []  # the tower is seen, and the four blocks of the colour can be counted
+
+    def _name(self, number: int) -> str:
+        """The stage of the numbered block."""
+        return f"block {number}"
 
     def _blocks(self) -> list[Block]:
         return [*self.targets, *self.distractors]

@@ -61,13 +61,13 @@ class StackBlocksNew(Task):
 
     def stage(self) -> str:
         inside = self._inside()
-        return "withdraw" if inside >= self.variation.count else f"block {inside + 1}"
+        return "withdraw" if inside >= self.variation.count else self._name(inside + 1)
 
     def expert(self) -> Iterator[Stage]:
         for number, block in enumerate(self.targets[: self.variation.count], 1):
             goal = self._over_corner(number)
             yield Stage(
-                f"block {number}",
+                self._name(number),
                 above(block),
                 grasp(block),
                 lift(block),
@@ -101,6 +101,10 @@ class StackBlocksNew(Task):
 
     def aliases(self) -> list[Alias]:
         return []  # the four blocks of the colour can be counted
+
+    def _name(self, number: int) -> str:
+        """The stage of the numbered block."""
+        return f"block {number}"
 
     def _blocks(self) -> list[Block]:
         return [*self.targets, *self.distractors]

@@ -21,6 +21,7 @@ from hide_tasks.task import Alias, Checks, Grid, Stage, Task
 
 NAMES = tuple(COLORS)
 CUPS = 3
+NTH = ("first", "second", "third")
 AREA = Area(x=(0.10, 0.42), y=(-0.26, 0.26))
 GAP = 0.06  # m between two cups' rims: room for a finger
 HOVER, LIFT, ABOVE, RISE = 0.08, 0.17, 0.14, 0.20  # m
@@ -51,6 +52,7 @@ class StackCupsNew(Task):
         Failure.DROPPED_OBJECT: "a cup fell off the table",
     }
     spoils = frozenset({Failure.OVERCOUNT})
+    withdrawn = WITHDRAWN
 
     @classmethod
     def words(cls, variation: Mapping[str, Value]) -> Mapping[str, Value]:
@@ -75,13 +77,15 @@ class StackCupsNew(Task):
         return float(self._nested(cup, self.base))
 
     def _astray(self) -> float:
-        cups = (self.base, *self.others)
         return float(
             any(
                 self._nested(cup, other) and not self._nested(cup, self.base)
-                for cup, other in permutations(cups, 2)
+                for cup, other in permutations(self._cups(), 2)
             )
         )
+
+    def _cups(self) -> tuple[Cup, ...]:
+        return (self.base, *self.others)
 
     def _nested(self, cup: Cup, base: Cup) -> bool:
         x, y, z = (p - q for p, q in zip(cup.position, base.position, strict=True))
@@ -98,16 +102,16 @@ class StackCupsNew(Task):
 
     def stage(self) -> str:
         done = self.stacked
-        return "withdraw" if done >= self.wanted else f"stack {('first', 'second')[done]}"
+        return "withdraw" if done >= self.wanted else self._name(done)
 
     def expert(self) -> Iterator[Stage]:
-        order = self._nearest_first()
+        order = self._order()
         for number, cup in enumerate(order[: self.wanted]):
             here, goal = np.array(cup.position), self._place(number)
             alone = [np.array(other.position) for other in order[number + 1 :]]
             side = freest_side(cup, goal, alone)
             yield Stage(
-                f"stack {('first', 'second')[number]}",
+                self._name(number),
                 rim_move(here, cup, side, HOVER, opened=True),
                 rim_move(here, cup, side, 0.0, opened=False, touching=True),
                 rim_move(here, cup, side, LIFT, opened=False),
@@ -116,7 +120,12 @@ class StackCupsNew(Task):
             )
         yield Stage("withdraw", rim_move(goal, cup, side, RISE, opened=True))
 
-    def _nearest_first(self) -> list[Cup]:
+    def _name(self, done: int) -> str:
+        """The stage after so many cups."""
+        return f"stack {NTH[done]}"
+
+    def _order(self) -> list[Cup]:
+        """The nearest first."""
         base = np.array(self.base.position)
         return sorted(self.others, key=lambda c: float(np.linalg.norm(c.position - base)))
 
@@ -128,20 +137,19 @@ class StackCupsNew(Task):
     def checks(self) -> Checks:
         return {
             "stacked_exactly": self.stacked == self.wanted,
-            "gripper_empty": not any(map(self.robot.holds, (self.base, *self.others))),
-            "arm_withdrawn": self.robot.tip_height > WITHDRAWN,
+            "gripper_empty": not any(map(self.robot.holds, self._cups())),
+            "arm_withdrawn": self.robot.tip_height > self.withdrawn,
         }
 
     def missing(self) -> Failure:
         if self.stacked < self.wanted:
             return Failure.UNDERCOUNT
-        held = any(map(self.robot.holds, (self.base, *self.others)))
+        held = any(map(self.robot.holds, self._cups()))
         return Failure.UNFINISHED if held else Failure.NOT_WITHDRAWN
 
     def violations(self) -> list[Failure]:
         over = self.stacked > self.wanted
-        cups = (self.base, *self.others)
-        fell = any(cup.position[2] < TABLE_TOP - FELL for cup in cups)
+        fell = any(cup.position[2] < TABLE_TOP - FELL for cup in self._cups())
         return (
             [Failure.OVERCOUNT] * over
             + [Failure.WRONG_OBJECT] * (self.wrong.total > 0)

@@ -55,6 +55,8 @@ class WipeDeskRubbish(Task):
         Failure.DROPPED_OBJECT: "the rubbish or the sponge fell off the desk",
     }
     spoils = frozenset({Failure.DROPPED_OBJECT})
+    wiping = "wipe"  # the name of that stage
+    reach = STREAK[1]  # m either way that the dirt goes on along a stroke
 
     def build(self) -> None:
         layout = self.layout
@@ -80,21 +82,21 @@ class WipeDeskRubbish(Task):
     def _count(self) -> None:
         self.early = self.count(
             "wiped_before_binning",
-            lambda: SPOTS - self.sponge.left,
+            lambda: len(self.sponge.spots) - self.sponge.left,
             up=0.5,
             down=0.5,
             when=lambda: not self._binned(),
         )
 
     def hidden_state(self) -> HiddenState:
-        return {"rubbish_binned": self._binned(), "spots_left": self.sponge.left}
+        return {"rubbish_binned": self._binned(), "spots_left": self.dirt}
 
     def stage(self) -> str:
         if not self._binned():
             return "bin the rubbish"
-        if not self.sponge.left:
+        if not self.dirt:
             return "withdraw"
-        return "wipe" if self.robot.holds(self.sponge) else "take the sponge"
+        return self.wiping if self.robot.holds(self.sponge) else "take the sponge"
 
     def expert(self) -> Iterator[Stage]:
         paper, sponge = yaw_of(self.paper.at), yaw_of(self.sponge.at)
@@ -110,11 +112,11 @@ class WipeDeskRubbish(Task):
             over(self._sponge, 0.10, opened=True, yaw=sponge),
             take(self._sponge, yaw=sponge),
         )
-        yield Stage("wipe", self._wipe(1, opened=False), self._wipe(-1, opened=True))
+        yield Stage(self.wiping, self._wipe(1, opened=False), self._wipe(-1, opened=True))
         yield Stage("withdraw", over(self._sponge, 0.15, opened=True, yaw=yaw_of(self.streak)))
 
     def checks(self) -> Checks:
-        return {"rubbish_in_bin": self._binned(), "desk_clean": self.sponge.left == 0}
+        return {"rubbish_in_bin": self._binned(), "desk_clean": self.dirt == 0}
 
     def missing(self) -> Failure:
         return Failure.UNFINISHED if self._binned() else Failure.NOT_PLACED
@@ -128,6 +130,11 @@ class WipeDeskRubbish(Task):
     def aliases(self) -> list[Alias]:
         return []
 
+    @property
+    def dirt(self) -> int:
+        """How many spots are left."""
+        return self.sponge.left
+
     def _binned(self) -> bool:
         return self.bin.contains(self.paper.position) and not self.robot.holds(self.paper)
 
@@ -136,7 +143,7 @@ class WipeDeskRubbish(Task):
         height = SPONGE_HEIGHT / 2 + GRIP + GLIDE
 
         def where() -> Array:
-            place = point(self.streak, 0, end * (STREAK[1] + BEYOND), height)
+            place = point(self.streak, 0, end * (self.reach + BEYOND), height)
             return top_down(place, yaw_of(self.streak))
 
         return move(where, opened=opened, touching=True)

@@ -1,6 +1,7 @@
 """Every task says which failures can occur in it, and a test of its own provokes each."""
 
 import ast
+import inspect
 from pathlib import Path
 
 import pytest
@@ -8,9 +9,9 @@ import pytest
 from hide_tasks import ALL_TASKS, load
 from hide_tasks.certificates import committed
 from hide_tasks.contract import Failure
-from hide_tasks.tasks import __path__ as tasks_path
+from hide_tasks.task import Task
 
-TESTS = Path(__file__).parent / "tasks"
+TESTS = Path(__file__).parent
 NOT_THE_TASKS = {Failure.UNREACHABLE_POSE} | {f for f in Failure if f.startswith("policy")}
 
 
@@ -29,16 +30,28 @@ def named(path: Path) -> set[Failure]:
     }
 
 
+def files(name: str) -> list[Path]:
+    """A task's file and those of the tasks that it extends."""
+    classes = [one for one in load(name).__mro__ if issubclass(one, Task) and one is not Task]
+    return [Path(inspect.getfile(one)) for one in classes]
+
+
+def spoken_of(paths: list[Path]) -> set[Failure]:
+    return {failure for path in paths for failure in named(path)}
+
+
 @pytest.mark.parametrize("name", ALL_TASKS)
 def test_a_task_declares_the_failures_that_it_names(name):
-    assert named(Path(tasks_path[0], f"{name}.py")) == set(load(name).failures)
+    assert spoken_of(files(name)) == set(load(name).failures)
     assert not NOT_THE_TASKS & set(load(name).failures)
     assert load(name).spoils <= set(load(name).failures)
 
 
 @pytest.mark.parametrize("name", ALL_TASKS)
 def test_a_test_provokes_each(name):
-    assert set(load(name).failures) <= named(TESTS / f"test_{name}.py")
+    tests = [TESTS / path.parent.name / f"test_{path.name}" for path in files(name)]
+
+    assert set(load(name).failures) <= spoken_of(tests)
 
 
 @pytest.mark.parametrize("name", [name for name in ALL_TASKS if committed(name)])

@@ -1,0 +1,42 @@
+"""The order of the search is told: the other box first is a step skipped, twice is one repeated."""
+
+import pytest
+
+from hide_tasks import suite
+from hide_tasks.contract import Failure, Stop
+from hide_tasks.episode import play
+from hide_tasks.policies import Expert, Replay
+
+SPEC = suite.episode("search_boxes_hard", "val", 0)
+MISS = 8  # keyframes of a search that finds nothing
+
+
+def told(first, shoes_in):
+    return SPEC.twin({"first": first, "shoes_in": shoes_in})
+
+
+def recorded(spec):
+    return [record.action for record in play(spec, Expert())[1]]
+
+
+@pytest.mark.parametrize("first", ["left", "right"])
+def test_the_instruction_tells_which_box_comes_first(first):
+    second = {"left": "right", "right": "left"}[first]
+    text = suite.build(told(first, "left")).instruction
+
+    assert 0 < text.index(f"the {first} box") < text.index(f"the {second} box")
+
+
+def test_the_other_box_first_skips_a_step_also_if_the_shoes_are_in_it():
+    result, records = play(told("left", "right"), Replay(recorded(told("right", "right"))))
+
+    assert (result.success, result.failure) == (False, Failure.SKIPPED_STEP)
+    assert len(records) < 15  # it ended there
+
+
+def test_the_first_box_again_repeats_a_step():
+    spec = told("left", "right")
+    actions = recorded(spec)
+    result, _ = play(spec, Replay([*actions[:MISS], *actions[:3], Stop()]))
+
+    assert (result.success, result.failure) == (False, Failure.REPEATED_STEP)
