@@ -47,6 +47,7 @@ class WipeDeskRubbish(Task):
     )
     variations = Grid()
     keyframes = frozenset({8, 9})
+    streak_half: ClassVar = STREAK
     remembers = "nothing: the rubbish and the dirt are to be seen"
     failures: ClassVar = {
         Failure.SKIPPED_STEP: "the desk was wiped before the rubbish was in the bin",
@@ -80,7 +81,7 @@ class WipeDeskRubbish(Task):
     def _count(self) -> None:
         self.early = self.count(
             "wiped_before_binning",
-            lambda: SPOTS - self.sponge.left,
+            lambda: len(self.sponge.spots) - self.sponge.left,
             up=0.5,
             down=0.5,
             when=lambda: not self._binned(),
@@ -136,7 +137,7 @@ class WipeDeskRubbish(Task):
         height = SPONGE_HEIGHT / 2 + GRIP + GLIDE
 
         def where() -> Array:
-            place = point(self.streak, 0, end * (STREAK[1] + BEYOND), height)
+            place = point(self.streak, 0, end * (self.streak_half[1] + BEYOND), height)
             return top_down(place, yaw_of(self.streak))
 
         return move(where, opened=opened, touching=True)
