@@ -36,5 +36,5 @@ def _register(session: Session, store: Blobs, one: Trained) -> None:
         raise BadCheckpoint(f"{one.path} changed while it was read")
     if checkpoints.known(session, one.name, one.sha256) is None:
         received = Received(one.path, one.sha256, one.size)
-        about, config = trained.ABOUT[one.name], one.header.config
-        checkpoints.keep(session, received, name=one.name, description=about, config=config)
+        about = trained.ABOUT[one.name]
+        checkpoints.keep(session, received, name=one.name, description=about, header=one.header)

@@ -1,6 +1,6 @@
 """A white paper cup: thin and wide above, so that one in another hardly stands out."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from hide_tasks.assets.asset import Link
 from hide_tasks.assets.cup import Cup
@@ -12,18 +12,22 @@ class PaperCup(Cup):
     """A place for a paper cup; it stands there, or it does not."""
 
     color: str = "white"
-    foot: float = 0.026  # m
-    rim: float = 0.045  # m
-    height: float = 0.085  # m
+    foot: float = 0.011  # m
+    rim: float = 0.036  # m
+    height: float = 0.070  # m
     floor: float = 0.010  # m
     wall: float = 0.0015  # m
     mass: float = 0.05  # kg
     there: bool = True
+    fixed: bool = False  # it stands fast on the table
+    radius = 0.036
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        (link,) = self.links
+        if self.fixed:
+            self.links = (replace(link, mass=0.0, graspable=False),)
         if not self.there:
-            (link,) = self.links
             unfelt = tuple(shape for shape in link.shapes if not shape.solid)
             self.links = (Link("no cup", unfelt),)
 

@@ -42,7 +42,9 @@ def fold(number: int, along: float = 0.0) -> Shape:
     side, (x, y, z), (roll, pitch, yaw) = FOLDS[number]
     turned = quaternion(roll=roll, pitch=pitch, yaw=yaw).tolist()
     color = PAPERS[number % len(PAPERS)]
-    return Shape("box", (side, side * 0.9, side * 0.8), color, at=(x + along, y, z, *turned), solid=False)
+    return Shape(
+        "box", (side, side * 0.9, side * 0.8), color, at=(x + along, y, z, *turned), solid=False
+    )
 
 
 @dataclass

@@ -22,8 +22,9 @@ from hide_tasks.poses import Array
 from hide_tasks.task import Alias, Checks, Grid, Moment, Stage
 from hide_tasks.tasks.stack_cups_new import StackCupsNew
 
-MOST = 6  # places for cups around the middle one
-MIDDLE, AWAY = (0.28, 0.0), 0.02  # m; how far off, either way
+AROUND = (4, 5, 6)  # cups around the middle one
+MOST = AROUND[-1]  # places for them
+MIDDLE, AWAY = (0.24, 0.0), 0.02  # m; how far off, either way
 RADIUS = (0.175, 0.19)  # m from the middle cup's axis to another's
 TURN, ASKEW = 0.3, 0.04  # rad, either way: of all places together, of each
 HOVER, LIFT, ABOVE = 0.08, 0.17, 0.13  # m; ABOVE the highest place in the stack
@@ -35,7 +36,7 @@ NUMBERS = ("first", "second", "third", "fourth")
 class RealStackCups(StackCupsNew):
     instructions = ("stack {count} cups on the middle cup",)
     variations = Grid(count=(2, 3, 4))
-    histories = Grid(around=(4, 5, 6))
+    histories = Grid(around=AROUND)
     looks = ()
     keyframes = frozenset({11, 17, 23})
     cameras: ClassVar = ("front",)
@@ -55,7 +56,7 @@ class RealStackCups(StackCupsNew):
     def build(self) -> None:
         between = self.layout.between
         x, y = (at + between(-AWAY, AWAY) for at in MIDDLE)
-        self.base = self._stand(PaperCup(), x, y)
+        self.base = self._stand(PaperCup(fixed=True), x, y)
         turn = between(-TURN, TURN)
         angles = [turn + between(-ASKEW, ASKEW) + k * math.tau / MOST for k in range(MOST)]
         rays = [between(*RADIUS) * np.array([math.cos(a), math.sin(a)]) for a in angles]
@@ -140,6 +141,6 @@ class RealStackCups(StackCupsNew):
                 Moment(before - 2, {"around": around}),
                 f"a cup over the stack and {left} around, after {self.wanted - 1} and one fewer",
             )
-            for around in self.axes()["around"][:-1]
+            for around in AROUND[:-1]
             for left in (around + 1 - self.wanted,)
         ]

@@ -8,13 +8,15 @@ is to be seen until it is wiped away, so hardly anything is to be remembered.
 
 from typing import ClassVar
 
+import numpy as np
+
 from hide_tasks.assets.rubbish import HEIGHT as PAPER_HEIGHT
 from hide_tasks.assets.rubbish import Bin
 from hide_tasks.assets.sheet import Sheet
 from hide_tasks.assets.sponge import HEIGHT as SPONGE_HEIGHT
 from hide_tasks.assets.sponge import Sponge, Spot
 from hide_tasks.layout import TABLE_TOP, Area
-from hide_tasks.poses import Array, point, pose, quaternion, yaw_of
+from hide_tasks.poses import Array, point, pose, quaternion
 from hide_tasks.task import Grid
 from hide_tasks.tasks.wipe_desk_rubbish import BIN_AREA, SPONGE_AREA, WipeDeskRubbish
 
@@ -45,8 +47,8 @@ class RealWipeDeskRubbish(WipeDeskRubbish):
         (self.sponge,) = layout.scatter([Sponge(dirty)], SPONGE_AREA, gap=0.0, turn=0.4)
         self.sponge.at[2] += SPONGE_HEIGHT / 2
         self.streak = places[self.variation.rubbish]
-        height = point(self.streak, 0, 0, PAPER_HEIGHT / 2)
-        self.paper = layout.add_at(Sheet(), pose(*height, self.streak[3:]))
+        on_dirt = point(self.streak, 0, 0, PAPER_HEIGHT / 2)
+        self.paper = layout.add_at(Sheet(), np.concatenate([on_dirt, self.streak[3:]]))
         self._count()
 
     def _somewhere(self, area: Area) -> Array:
@@ -58,5 +60,5 @@ class RealWipeDeskRubbish(WipeDeskRubbish):
     def _spot(self, place: Array) -> Spot:
         """A spot of dirt somewhere under rubbish that lies at a place."""
         along, across = (self.layout.between(-half, half) for half in DIRT)
-        at = pose(*point(place, along, across, 0.0), quaternion(yaw=yaw_of(place)))
+        at = np.concatenate([point(place, along, across, 0.0), place[3:]])
         return self.layout.add_at(Spot(), at)

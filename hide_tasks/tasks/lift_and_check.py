@@ -39,13 +39,13 @@ FELL = 0.1  # m under the table's top
 
 class LiftAndCheck(Task):
     category = Category.EXECUTION_PROGRESS
-    instructions = (
+    instructions: ClassVar[tuple[str, ...]] = (
         "lift blocks one by one to find the white chip underneath and remove it",
         "lift the blocks one by one, find the white chip underneath and move its block away",
     )
     variations = Grid(chip_under=PLACES, color=tuple(COLORS))
     looks = ("color",)
-    places: ClassVar = PLACES
+    places: ClassVar[tuple[str, ...]] = PLACES
     tall: ClassVar = SIZE  # m of a block
     keyframes = frozenset({6, 11, 16, 21})
     remembers = "which blocks have been lifted"
@@ -102,7 +102,9 @@ class LiftAndCheck(Task):
 
     def detours(self) -> list[Iterator[Stage]]:
         # Shows what to do with every block when it is lifted and covers nothing.
-        return [self._search(self.places[::-1])] if self.variation.chip_under == self.places[0] else []
+        return (
+            [self._search(self.places[::-1])] if self.variation.chip_under == self.places[0] else []
+        )
 
     def _search(self, order: Sequence[str]) -> Iterator[Stage]:
         for place in order:

@@ -23,14 +23,14 @@ WITHDRAWN = 0.25  # m of the tip above the table
 
 class PushButtonTimes(Task):
     category = Category.REPETITION_COUNTING
-    instructions = (
+    instructions: ClassVar[tuple[str, ...]] = (
         "push the {color} button {count} times",
         "press the {color} button {count} times",
         "push down the button with the {color} base {count} times",
     )
     variations = Grid(count=(1, 2, 3, 4, 5), color=CLEAR_COLORS)
     looks = ("color",)
-    palette: ClassVar = CLEAR_COLORS
+    palette: ClassVar[tuple[str, ...]] = CLEAR_COLORS
     area: ClassVar = AREA
     keyframes = frozenset({4, 6, 8, 10, 12})
     remembers = "how many presses are done"

@@ -191,7 +191,7 @@ def _kept(
             received,
             name=name,
             description=description,
-            config=header.config,
+            header=header,
             principal=principal,
             checks=checks,
         )
