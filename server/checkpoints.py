@@ -19,6 +19,7 @@ from hide_tasks import SUITES
 from hide_tasks.catalogue import cameras_of
 from hide_tasks.suite import SUITE
 from seek_model.checkpoint_header import BadCheckpoint, Header, read_header
+from seek_model.config import Config
 from seek_model.other_formats import is_saved
 from server import blobs, evaluations, facts, policies, quotas, smoke
 from server.access import Principal
@@ -215,7 +216,8 @@ def keep(
     *,
     name: str,
     description: str,
-    header: Header,
+    config: Config,
+    suite: str = SUITE,
     principal: Principal | None = None,
     checks: Sequence[Check] = (),
 ) -> PolicyVersion:
@@ -225,7 +227,6 @@ def keep(
         Problem: 422, the name is the server's own; 403, it is somebody else's.
     """
     blobs.note(session, received.sha256, received.size, blobs.CHECKPOINT)
-    config, suite = header.config, header.provenance.suite
     spec = CheckpointPolicy(
         sha256=received.sha256, size=received.size, model=config.name, suite=suite
     )

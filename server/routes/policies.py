@@ -191,7 +191,8 @@ def _kept(
             received,
             name=name,
             description=description,
-            header=header,
+            config=header.config,
+            suite=header.provenance.suite,
             principal=principal,
             checks=checks,
         )
