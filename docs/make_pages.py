@@ -11,7 +11,7 @@ from typing import Any
 
 from hide_tasks import ALL_TASKS, load, suite
 from hide_tasks.certificates import committed
-from hide_tasks.contract import CAMERAS, CONTROL_HZ, Category, Failure, Value
+from hide_tasks.contract import CONTROL_HZ, Category, Failure, Value
 from web.wording import CATEGORIES, FAILURES
 
 FOLDER = Path(__file__).parent / "tasks"
@@ -148,10 +148,10 @@ def aliases(name: str) -> str:
             f"{picture}<br>{pairs(state)}<br>next: **{one['stage']}**"
             for picture, state, one in zip(sides, alias["hidden"], alias["next"], strict=True)
         ]
-        differ = ", ".join(f"{100 * alias['pixels'][view]:.2g} %" for view in CAMERAS)
+        differ = ", ".join(f"{100 * alias['pixels'][view]:.2g} %" for view in alias["pixels"])
         rows.append([*cells, f"{alias['why']}; pixels that differ: {differ}"])
-    note = f"Pixels that differ visibly, at most, over {found[0]['episodes']} layouts: front, left"
-    note += " shoulder, right shoulder, wrist."
+    views = ", ".join(view.replace("_", " ") for view in found[0]["pixels"])
+    note = f"Pixels that differ visibly, at most, over {found[0]['episodes']} layouts: {views}."
     return table(["one history", "another", "why"], rows) + "\n\n" + note
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
-from hide_tasks import ALL_TASKS, suite
+from hide_tasks import ALL_TASKS, load, suite
 from hide_tasks.bullet.cameras import Camera, camera, looking
 from hide_tasks.bullet.world import World
 from hide_tasks.certificate import ALIAS_EPISODES
@@ -69,7 +69,8 @@ def start_of(task: str) -> Image.Image:
 def alias_pictures(task: str, why: str) -> tuple[Image.Image, Image.Image]:
     """Both moments of an alias pair of the certificate, in the episode that it tells of."""
     spec, alias = example(task, why)
-    view = ALIAS_VIEWS.get(task, "right_shoulder")
+    seen = load(task).cameras
+    view = ALIAS_VIEWS.get(task, "right_shoulder" if "right_shoulder" in seen else seen[0])
     first, second = (
         Image.fromarray(
             frames(spec.twin(moment.twin), [moment.keyframes], camera(view, SIZE, SIZE))[0]

@@ -15,7 +15,7 @@ from hide_tasks import ALL_TASKS, suite
 from hide_tasks.bullet import kinematics
 from hide_tasks.bullet.cameras import camera, wrist_camera
 from hide_tasks.bullet.world import World
-from hide_tasks.contract import CAMERAS, EpisodeSpec, Timing
+from hide_tasks.contract import EpisodeSpec, Timing
 from hide_tasks.episode import play
 from hide_tasks.policies import Expert
 
@@ -29,7 +29,9 @@ def bare(spec: EpisodeSpec, timing: Timing) -> Row:
     """
     with World(suite.build(spec)) as world:
         hand = kinematics.link_frames(world.robot.joints)[kinematics.HAND]
-        cameras = [wrist_camera(hand) if name == "wrist" else camera(name) for name in CAMERAS]
+        cameras = [
+            wrist_camera(hand) if name == "wrist" else camera(name) for name in world.task.cameras
+        ]
         poses = world.poses()
         step = world.scene.client.stepSimulation
         start = perf_counter()

@@ -9,6 +9,7 @@ import inspect
 import pkgutil
 from pathlib import Path
 
+from hide_tasks.contract import CAMERAS
 from hide_tasks.task import Task
 
 _FOLDERS = {"hide": "tasks", "hide-hard": "hard", "real4": "real4"}
@@ -56,6 +57,12 @@ def suite_of(task: str) -> str:
         hint = f" Did you mean {near[0]}?" if near else ""
         raise UnknownTask(f"No task '{task}'.{hint} All: {', '.join(ALL_TASKS)}.")
     return _SUITE_OF[task]
+
+
+def cameras_of(suite: str) -> tuple[str, ...]:
+    """What the tasks of a suite are seen through; all cameras if it is unknown or empty."""
+    tasks = SUITES.get(suite, ())
+    return load(tasks[0]).cameras if tasks else CAMERAS
 
 
 def file_of(task: str) -> str:

@@ -15,6 +15,9 @@ from typing import Literal, NamedTuple
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
+from hide_tasks import SUITES
+from hide_tasks.catalogue import cameras_of
+from hide_tasks.suite import SUITE
 from seek_model.checkpoint_header import BadCheckpoint, Header, read_header
 from seek_model.config import Config
 from seek_model.other_formats import is_saved
@@ -25,6 +28,7 @@ from server.models import Evaluation, Policy, PolicyVersion
 from server.problems import Problem, invalid
 from server.schemas.evaluations import EvaluationCreate
 from server.settings import Settings
+from server.suites import SMOKE_SPLIT
 from workers.conversion import convert
 from workers.policies import (
     MISMATCH,
@@ -180,7 +184,8 @@ def require_fit(
     looked = Check(name="header", outcome="passed", seconds=0.0, detail=told)
     policy = Checkpoint.of_file(received.path, received.sha256, surroundings).make()
     try:
-        return [*done, looked, *preflight(policy, CHECK_LIMIT)]
+        cameras = cameras_of(header.provenance.suite)
+        return [*done, looked, *preflight(policy, CHECK_LIMIT, cameras)]
     except NotFit as error:
         raise _unfit([*done, looked, *error.checks]) from None
 
@@ -212,6 +217,7 @@ def keep(
     name: str,
     description: str,
     config: Config,
+    suite: str = SUITE,
     principal: Principal | None = None,
     checks: Sequence[Check] = (),
 ) -> PolicyVersion:
@@ -221,7 +227,9 @@ def keep(
         Problem: 422, the name is the server's own; 403, it is somebody else's.
     """
     blobs.note(session, received.sha256, received.size, blobs.CHECKPOINT)
-    spec = CheckpointPolicy(sha256=received.sha256, size=received.size, model=config.name)
+    spec = CheckpointPolicy(
+        sha256=received.sha256, size=received.size, model=config.name, suite=suite
+    )
     return policies.register(
         session,
         name,
@@ -242,7 +250,7 @@ def try_out(
     """
     if not settings.smoke:
         return None
-    wanted, owner = EvaluationCreate(policy=version.id, suite="smoke"), version.policy.owner_id
+    wanted, owner = _first_try(version), version.policy.owner_id
     try:
         with session.begin_nested():
             row = evaluations.create(session, wanted, smoke.key(version), owner=owner)
@@ -253,3 +261,12 @@ def try_out(
             raise
         return None
     return row
+
+
+def _first_try(version: PolicyVersion) -> EvaluationCreate:
+    """What suite `smoke` is, or as little of another suite that a version was trained on."""
+    suite = version.spec.get("suite", SUITE)
+    if suite == SUITE or not SUITES.get(suite):
+        return EvaluationCreate(policy=version.id, suite="smoke")
+    tasks = list(SUITES[suite])
+    return EvaluationCreate(policy=version.id, tasks=tasks, split=SMOKE_SPLIT, episodes=1)

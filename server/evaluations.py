@@ -21,7 +21,9 @@ from server.problems import invalid, not_found
 from server.schemas.common import Page, RatePublic, Verdicts
 from server.schemas.evaluations import AttemptPublic, EvaluationCreate, EvaluationPublic, Progress
 from server.states import EpisodeState, EvaluationState, ShardState
-from workers.protocol import ReplayPolicy
+from workers import fitness
+from workers.protocol import CheckpointPolicy, RemotePolicy, ReplayPolicy
+from workers.remote.maps import cameras_in
 from workers.results import in_order
 
 LATELY = 20  # episodes by which the pace is told
@@ -97,6 +99,7 @@ def planned(session: Session, wanted: EvaluationCreate) -> tuple[PolicyVersion, 
     version = policies.find(session, wanted.policy)
     specs = _specs(wanted)
     _check_replay(session, version, specs)
+    _check_policy(version, {spec.task for spec in specs})
     return version, specs
 
 
@@ -134,6 +137,19 @@ def _specs(wanted: EvaluationCreate) -> list[EpisodeSpec]:
     if not tasks:
         raise invalid("category", f"has no task yet: {wanted.category}")
     return [spec for task in tasks for spec in suite.episodes(task, wanted.split, wanted.episodes)]
+
+
+def _check_policy(version: PolicyVersion, tasks: set[str]) -> None:
+    """Refuses weights of another suite, and maps that name a camera which a task lacks."""
+    name, reason = version.policy.name, ""
+    if version.spec["kind"] == "checkpoint":
+        trained_on = CheckpointPolicy.model_validate(version.spec).suite
+        reason = fitness.is_of_another_suite(name, trained_on, tasks)
+    elif version.spec["kind"] == "remote":
+        seen = cameras_in(RemotePolicy.model_validate(version.spec).observation or {})
+        reason = fitness.lacks_camera(name, seen, in_order(tasks))
+    if reason:
+        raise invalid("policy", reason)
 
 
 def _check_replay(session: Session, version: PolicyVersion, specs: Sequence[EpisodeSpec]) -> None:

@@ -3,10 +3,11 @@
 Nothing is stored: reading a recording takes 30 ms, and the last ones read are kept.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from pathlib import Path
 from typing import TypeVar
 
+from hide_tasks import load
 from server.blobs import Blobs
 from server.episodes import recording_of
 from server.kept import Kept
@@ -55,10 +56,16 @@ def observation(store: Blobs, episode: Episode, decision: int, camera: str) -> b
     seen = _seen.kept(sha256, lambda: _read(store.path(sha256), _by_decision))
     found = seen.get(camera, {})
     if decision not in found:
-        known = f"0 to {max(found)}" if found else "none"
-        detail = f"The {camera} camera has no picture of decision {decision}; there are {known}."
-        raise Problem(404, "not_found", detail)
+        raise Problem(404, "not_found", _no_picture(episode.task, camera, decision, found))
     return found[decision]
+
+
+def _no_picture(task: str, camera: str, decision: int, found: Collection[int]) -> str:
+    cameras = load(task).cameras
+    if camera not in cameras:
+        return f"{task} has no camera {camera}; it is seen through {', '.join(cameras)}."
+    known = f"0 to {max(found)}" if found else "none"
+    return f"The {camera} camera has no picture of decision {decision}; there are {known}."
 
 
 def _by_decision(path: Path) -> dict[str, dict[int, bytes]]:

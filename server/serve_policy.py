@@ -2,7 +2,7 @@
 
 import os
 import signal
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import closing, suppress
 from importlib.util import find_spec
 from pathlib import Path
@@ -48,9 +48,9 @@ def serve_policy(
             "--host out."
         )
     kind = _kind(wire, sessions)
-    if maps is not None:
-        _write_maps(maps, wire)
     policy = _servable(text, Surroundings(timeout=timeout, threads=_threads(sessions)))
+    if maps is not None:
+        _write_maps(maps, wire, policy.cameras)
     try:
         server = kind(policy, sessions=sessions, model=_name(policy), key=key)
     except PolicyFailure as error:
@@ -90,11 +90,11 @@ def _kind(wire: Wire, sessions: int) -> Any:
     return Gr00tServer
 
 
-def _write_maps(path: Path, wire: Wire) -> None:
+def _write_maps(path: Path, wire: Wire, cameras: Sequence[str]) -> None:
     from workers.remote.maps import ActionMap, as_toml, everything
 
     try:
-        path.write_text(as_toml(wire, everything(), ActionMap()))
+        path.write_text(as_toml(wire, everything(cameras), ActionMap()))
     except OSError as error:
         raise BadUsage(f"--write-maps {path}: {error.strerror}.") from None
 

@@ -36,5 +36,11 @@ def _register(session: Session, store: Blobs, one: Trained) -> None:
         raise BadCheckpoint(f"{one.path} changed while it was read")
     if checkpoints.known(session, one.name, one.sha256) is None:
         received = Received(one.path, one.sha256, one.size)
-        about, config = trained.ABOUT[one.name], one.header.config
-        checkpoints.keep(session, received, name=one.name, description=about, config=config)
+        checkpoints.keep(
+            session,
+            received,
+            name=one.name,
+            description=trained.ABOUT[one.name],
+            config=one.header.config,
+            suite=one.header.provenance.suite,
+        )

@@ -8,7 +8,8 @@ from fastapi.responses import HTMLResponse
 from pydantic import Field
 from sqlalchemy.orm import Session
 
-from hide_tasks.contract import CAMERAS, Failure, Value
+from hide_tasks import load
+from hide_tasks.contract import Failure, Value
 from server import episodes, evaluations, labels, partings, reruns
 from server.access import Router, Scope, needs
 from server.beliefs import checked
@@ -19,7 +20,7 @@ from web.filters import Filters
 from web.memory_panel import memories
 from web.templating import page
 from web.timeline import Timeline
-from web.viewer_assets import LAYOUT, SCRIPT, ViewerAssets
+from web.viewer_assets import SCRIPT, ViewerAssets, layout_for
 
 router = Router(include_in_schema=False)
 
@@ -45,6 +46,8 @@ def show_episode(
     viewer: ViewerAssets = request.app.state.viewer
     episode = episodes.get(session, id)
     before, after = neighbours(session, episode, view)
+    cameras = load(episode.task).cameras
+    layout = f"{layout_for(cameras)}?v={viewer.layout_version}"
     shown = {
         "episode": episode,
         "evaluation": evaluations.get(session, episode.evaluation),
@@ -53,9 +56,9 @@ def show_episode(
         "filters": view,
         "labels": labels.of_episode(session, id),
         "used": labels.counted(session),
-        "cameras": CAMERAS,
+        "cameras": cameras,
         "script": f"/viewer/{viewer.version}/{SCRIPT}",
-        "layout": f"/viewer/{viewer.version}/{LAYOUT}?v={viewer.layout_version}",
+        "layout": f"/viewer/{viewer.version}/{layout}",
         "again": reruns.rerun(session, id),
         "actions_file": reruns.actions_file(episode),
         **played(session, episode, view),

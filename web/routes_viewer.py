@@ -11,7 +11,7 @@ from fastapi.responses import Response, StreamingResponse
 from server.access import Router, Scope, needs
 from server.files import File
 from server.problems import Problem, not_found
-from web.viewer_assets import LAYOUT, SCRIPT, WASM, ViewerAssets, ViewerFiles, ViewerMissing
+from web.viewer_assets import LAYOUTS, SCRIPT, WASM, ViewerAssets, ViewerFiles, ViewerMissing
 
 router = Router(include_in_schema=False)
 
@@ -37,13 +37,13 @@ async def viewer_files(request: Request) -> ViewerFiles:
 async def viewer_file(request: Request, version: str, name: str) -> Response:
     """One file of the viewer."""
     assets: ViewerAssets = request.app.state.viewer
-    if version != assets.version or name not in (SCRIPT, WASM, LAYOUT):
+    if version != assets.version or name not in (SCRIPT, WASM, *LAYOUTS):
         raise not_found("file of the viewer", f"{version}/{name}")
     files = await viewer_files(request)
     if name == SCRIPT:
         return File(files.script, media_type="text/javascript", headers=FOREVER)
-    if name == LAYOUT:
-        return File(files.layout, media_type="application/octet-stream", headers=FOREVER)
+    if name in LAYOUTS:
+        return File(files.layouts[name], media_type="application/octet-stream", headers=FOREVER)
     return _wasm(files.wasm, request.headers.get("accept-encoding", ""))
 
 

@@ -15,13 +15,17 @@ import subprocess
 import sys
 import tempfile
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import Future
+from functools import partial
 from importlib.metadata import version
 from importlib.util import find_spec
 from pathlib import Path
 from typing import NamedTuple
 
+from hide_tasks import SUITES
+from hide_tasks.catalogue import cameras_of
+from hide_tasks.contract import CAMERAS
 from web.wasm import without_names
 
 logger = logging.getLogger(__name__)
@@ -33,8 +37,16 @@ COMPRESSION = 6  # of gzip: 43 MB become 13.8 MB in 2 s (0.41)
 LAYOUT_LIMIT = 120  # s
 WRITE_LAYOUT = (
     "import sys; from pathlib import Path; from workers.recording_layout import write_layout; "
-    "write_layout(Path(sys.argv[1]))"
+    "write_layout(Path(sys.argv[1]), sys.argv[2:])"
 )
+
+
+def layout_for(cameras: Sequence[str]) -> str:
+    """The name of the layout for recordings of these cameras."""
+    return LAYOUT if tuple(cameras) == CAMERAS else f"layout-{'-'.join(cameras)}.rbl"
+
+
+LAYOUTS = {layout_for(seen): seen for seen in (CAMERAS, *map(cameras_of, SUITES))}
 
 
 class ViewerMissing(RuntimeError):
@@ -46,7 +58,7 @@ class ViewerFiles(NamedTuple):
 
     script: Path
     wasm: Path  # gzip
-    layout: Path
+    layouts: dict[str, Path]  # by name
 
 
 class ViewerAssets:
@@ -90,11 +102,15 @@ def prepare(folder: Path) -> ViewerFiles:
     made = {
         SCRIPT: _kept(folder / SCRIPT, known, wheel / "widget.js", _write_script),
         PACKED: _kept(folder / PACKED, known, wheel / WASM, _write_wasm),
-        LAYOUT: _kept(folder / LAYOUT, known, layout_source, _write_layout),
+        **{
+            name: _kept(folder / name, known, layout_source, partial(_write_layout, cameras))
+            for name, cameras in LAYOUTS.items()
+        },
     }
     if made != known:
         _write(folder / MANIFEST, lambda path: path.write_text(json.dumps(made, indent=1)))
-    return ViewerFiles(folder / SCRIPT, folder / PACKED, folder / LAYOUT)
+    layouts = {name: folder / name for name in LAYOUTS}
+    return ViewerFiles(folder / SCRIPT, folder / PACKED, layouts)
 
 
 def wheel_folder() -> Path:
@@ -146,10 +162,10 @@ def _write_wasm(source: Path, path: Path) -> None:
     path.write_bytes(gzip.compress(without_names(source.read_bytes()), COMPRESSION, mtime=0))
 
 
-def _write_layout(source: Path, path: Path) -> None:
+def _write_layout(cameras: Sequence[str], source: Path, path: Path) -> None:
     with tempfile.TemporaryDirectory() as folder:
         made = Path(folder) / LAYOUT
-        command = [sys.executable, "-c", WRITE_LAYOUT, str(made)]
+        command = [sys.executable, "-c", WRITE_LAYOUT, str(made), *cameras]
         subprocess.run(
             command,
             check=True,

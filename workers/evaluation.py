@@ -14,7 +14,7 @@ from hide_tasks.catalogue import suite_of
 from hide_tasks.contract import EpisodeResult, EpisodeSpec, Rules, Split
 from hide_tasks.sources import sources_hash
 from seek_model.trained import FOLDER
-from workers import policies
+from workers import fitness, policies
 from workers.engines.local import LocalEngine, Lost
 from workers.policy_process import LOAD_LIMIT
 from workers.protocol import DEATHS
@@ -119,8 +119,9 @@ def evaluate(
     workers = workers or count_cpus()
     watcher = watcher or Watcher()
     policy = _policy(evaluation, path, workers)
+    policy.require(evaluation.tasks)
     jobs = _jobs(evaluation, path, policy)
-    about = _found(policy)
+    about = _found(policy, evaluation.tasks)
     workers = min(workers, about.sessions if about else workers)
     remote = about.model_dump(mode="json") if about else None
     sandboxes = _sandboxes(jobs)
@@ -132,7 +133,7 @@ def evaluate(
             watcher.closed(sandbox)
         watcher.begun(folder, len(left))
         if evaluation.recordings:
-            _write_layout(folder)
+            _write_layout(folder, load(evaluation.tasks[0]).cameras)
         if left:
             _play(left, folder, min(workers, len(left)), watcher)
             folder.tidy()
@@ -149,11 +150,11 @@ def missing(evaluation: Evaluation, results: Results) -> list[str]:
     return [spec.name for spec in evaluation.specs if _key(spec) not in results.finished]
 
 
-def _write_layout(folder: RunFolder) -> None:
+def _write_layout(folder: RunFolder, cameras: Sequence[str]) -> None:
     """Puts the viewer's layout beside the recordings; one serves them all."""
     from workers.recording_layout import write_layout
 
-    write_layout(folder.recordings / LAYOUT)
+    write_layout(folder.recordings / LAYOUT, cameras)
 
 
 def _key(spec: EpisodeSpec) -> tuple[str, int]:
@@ -184,10 +185,13 @@ def _jobs(evaluation: Evaluation, path: Path, policy: policies.PolicyChoice) -> 
     ]
 
 
-def _found(policy: policies.PolicyChoice) -> About | None:
+def _found(policy: policies.PolicyChoice, tasks: Sequence[str]) -> About | None:
     """What a policy's server says, if it has one, once it is certain that the policy can play."""
     if isinstance(policy, policies.Remote):
-        return policy.found()
+        about = policy.found()
+        if lacking := fitness.lacks_camera(policy.text, about.cameras, tasks):
+            raise policies.BadPolicy(lacking)
+        return about
     if isinstance(policy, policies.Hosted):
         policy.check()
     return None

@@ -12,15 +12,17 @@ from typing import Any, Self
 
 from pydantic import ValidationError
 
-from hide_tasks.contract import Action, EpisodeSpec, Policy, PolicyFailure
+from hide_tasks.catalogue import cameras_of
+from hide_tasks.contract import CAMERAS, Action, EpisodeSpec, Policy, PolicyFailure
 from seek_model import trained
 from seek_model.checkpoint_header import BadCheckpoint, read_header
-from workers import actions_file, run_folder
+from workers import actions_file, fitness, run_folder
 from workers.policy_host import CHECKPOINT
 from workers.policy_process import LOAD_LIMIT, NotStarted, PolicyProcess
 from workers.protocol import RemotePolicy
 from workers.remote import egress
 from workers.remote.keys import BadKeys, key_of
+from workers.remote.maps import cameras_in
 from workers.remote.target import About, RemoteProcess, Target, Unreachable, process_of
 from workers.remote.wires import BY_SCHEME
 from workers.sandbox.choice import Sandbox
@@ -61,6 +63,19 @@ class PolicyChoice(ABC):
     @abstractmethod
     def make(self) -> Policy:
         """A new policy."""
+
+    def require(self, tasks: Sequence[str]) -> None:
+        """Does nothing if it can play these tasks; asked before any is played.
+
+        Raises:
+            BadPolicy: it cannot, and why.
+        """
+        if reason := self.unfit(tasks):
+            raise BadPolicy(reason)
+
+    def unfit(self, _tasks: Sequence[str]) -> str:
+        """Why it cannot play these tasks; empty if it can."""
+        return ""
 
     def for_episode(self, _spec: EpisodeSpec) -> "PolicyChoice":
         """What a worker needs to play this episode.
@@ -127,6 +142,11 @@ class Hosted(PolicyChoice):
         """As messages name it."""
         return f"python:{self.target}"
 
+    @property
+    def cameras(self) -> tuple[str, ...]:
+        """What it is to see through when it is served."""
+        return CAMERAS
+
     def within(self, sandbox: Sandbox) -> Self:
         """The same policy in a sandbox."""
         return replace(self, surroundings=replace(self.surroundings, sandbox=sandbox))
@@ -187,6 +207,16 @@ class Checkpoint(Hosted):
         """As messages name it."""
         return self.path.name
 
+    @property
+    def cameras(self) -> tuple[str, ...]:
+        """Those of the suite that it was trained on."""
+        return cameras_of(read_header(self.path).provenance.suite)
+
+    def unfit(self, tasks: Sequence[str]) -> str:
+        """It was trained on another suite."""
+        trained_on = read_header(self.path).provenance.suite
+        return fitness.is_of_another_suite(self.path.stem, trained_on, tasks)
+
     def check(self, limit: float = LOAD_LIMIT) -> None:
         """Loads the checkpoint once, in at most so many seconds.
 
@@ -244,6 +274,10 @@ class Remote(Hosted):
     def text(self) -> str:
         """As messages name it."""
         return self.spec.url
+
+    def unfit(self, tasks: Sequence[str]) -> str:
+        """It was declared to see a camera that one of them lacks."""
+        return fitness.lacks_camera(self.text, cameras_in(self.spec.observation or {}), tasks)
 
     def found(self) -> About:
         """What its server says of itself; connects once.

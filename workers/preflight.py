@@ -4,7 +4,7 @@ No simulator is needed: the observation is made up, a bare table seen from above
 """
 
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from time import monotonic
 from typing import Literal
@@ -51,8 +51,15 @@ class NotFit(Exception):
         self.checks = checks
 
 
-def preflight(policy: PolicyProcess, load_limit: float = LOAD_LIMIT) -> list[Check]:
+def preflight(
+    policy: PolicyProcess,
+    load_limit: float = LOAD_LIMIT,
+    cameras: Sequence[str] = CAMERAS,
+) -> list[Check]:
     """Tries a policy that has not been started; its process is gone afterwards.
+
+    Args:
+        cameras: of the suite that it is for.
 
     Raises:
         NotFit: it cannot be loaded, or gives no valid action in time.
@@ -62,9 +69,9 @@ def preflight(policy: PolicyProcess, load_limit: float = LOAD_LIMIT) -> list[Che
         with _checked(checks, "load"):
             policy.load(load_limit)
         with _checked(checks, "decision"):
-            first = _decision(policy)
+            first = _decision(policy, cameras)
         with _checked(checks, "repetition") as note:
-            if _decision(policy) != first:
+            if _decision(policy, cameras) != first:
                 note("the same observation and seed gave another action")
     finally:
         policy.close()
@@ -93,18 +100,18 @@ def _checked(checks: list[Check], name: Name) -> Iterator[Callable[[str], None]]
     add("noted" if notes else "passed", "; ".join(notes))
 
 
-def _decision(policy: PolicyProcess) -> str:
+def _decision(policy: PolicyProcess, cameras: Sequence[str]) -> str:
     """The first action of an episode, as text."""
     policy.reset(INSTRUCTION, SEED)
-    action = parse_action(policy.act(made_up()))
+    action = parse_action(policy.act(made_up(cameras)))
     return json.dumps(action.model_dump(mode="json"), sort_keys=True)
 
 
-def made_up() -> Observation:
-    """The arm over a bare table, as no task shows it."""
+def made_up(cameras: Sequence[str] = CAMERAS) -> Observation:
+    """The arm over a bare table, as no task shows it, seen by these cameras."""
     rng = np.random.default_rng(SEED)
     return Observation(
-        views={name: _view(rng, 0.1 * number) for number, name in enumerate(CAMERAS)},
+        views={name: _view(rng, 0.1 * number) for number, name in enumerate(cameras)},
         gripper_pose=np.array([0.28, 0.0, TABLE_TOP + 0.7, 1.0, 0.0, 0.0, 0.0]),
         gripper_opening=1.0,
         joint_positions=np.array([0.0, 0.2, 0.0, -1.9, 0.0, 2.1, 0.8]),

@@ -78,6 +78,7 @@ class CheckpointPolicy(_Message):
     sha256: Sha256
     size: Annotated[int, Field(ge=0)]  # bytes
     model: Annotated[str, Field(max_length=100)] = ""  # the name of its configuration
+    suite: Annotated[str, Field(max_length=100)] = "hide"  # of its demonstrations
     timeout: Timeout = 60.0
 
 

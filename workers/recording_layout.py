@@ -1,7 +1,7 @@
 """What a recording is made of: its entities, timelines and lanes, and how the viewer shows them.
 
-One layout serves every recording of every task: it asks for entities by folder, never by a
-task's names. It is a file of its own because inside a recording it costs 83 KB and two leaked
+One layout serves every recording that has the same cameras: it asks for entities by folder, never
+by a task's names. It is a file of its own because inside a recording it costs 83 KB and two leaked
 threads (0.41), and could not be improved later.
 """
 
@@ -52,16 +52,16 @@ def camera_path(name: str) -> str:
     return f"{WORLD}/cameras/{name}"
 
 
-def write_layout(path: Path) -> None:
-    """Write the layout file (`.rbl`) that opens well beside any recording."""
+def write_layout(path: Path, cameras: Sequence[str] = CAMERAS) -> None:
+    """Write the layout file (`.rbl`) that opens well beside any recording of these cameras."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    layout().save(APPLICATION, str(path))
+    layout(cameras).save(APPLICATION, str(path))
 
 
-def layout() -> rrb.Blueprint:
+def layout(cameras: Sequence[str] = CAMERAS) -> rrb.Blueprint:
     """The scene above states over time; beside them the instruction, the cameras and the log."""
-    happened = rrb.Vertical(_scene(), _states(), row_shares=[3, 2])
-    told = rrb.Vertical(_summary(), _seen(), _log(), row_shares=[5, 14, 9])
+    happened = rrb.Vertical(_scene(cameras), _states(), row_shares=[3, 2])
+    told = rrb.Vertical(_summary(), _seen(cameras), _log(), row_shares=[5, 14, 9])
     return rrb.Blueprint(
         rrb.Horizontal(happened, told, column_shares=[3, 2]),
         rrb.BlueprintPanel(state="hidden"),
@@ -72,8 +72,8 @@ def layout() -> rrb.Blueprint:
     )
 
 
-def _scene() -> rrb.Spatial3DView:
-    clouds = [f"- {camera_path(name)}/depth" for name in CAMERAS]
+def _scene(cameras: Sequence[str]) -> rrb.Spatial3DView:
+    clouds = [f"- {camera_path(name)}/depth" for name in cameras]
     return rrb.Spatial3DView(
         origin=WORLD,
         name="Scene",
@@ -88,8 +88,8 @@ def _summary() -> rrb.TextDocumentView:
     return rrb.TextDocumentView(origin=SUMMARY, name="Episode")
 
 
-def _seen() -> rrb.Tabs:
-    pictures = (_pictures("rgb", "Cameras"), _pictures("depth", "Depth"))
+def _seen(cameras: Sequence[str]) -> rrb.Tabs:
+    pictures = (_pictures("rgb", "Cameras", cameras), _pictures("depth", "Depth", cameras))
     return rrb.Tabs(*pictures, _memory(), active_tab=0)
 
 
@@ -105,14 +105,14 @@ def _memory() -> rrb.Vertical:
     return rrb.Vertical(now, series, row_shares=[2, 1], name="Memory")
 
 
-def _pictures(kind: str, title: str) -> rrb.Grid:
+def _pictures(kind: str, title: str, cameras: Sequence[str]) -> rrb.Grid:
     views = (
         rrb.Spatial2DView(
             origin=camera_path(name), name=name.replace("_", " "), contents=f"$origin/{kind}"
         )
-        for name in CAMERAS
+        for name in cameras
     )
-    return rrb.Grid(*views, grid_columns=2, name=title)
+    return rrb.Grid(*views, grid_columns=min(2, len(cameras)), name=title)
 
 
 def _states() -> rrb.StateTimelineView:

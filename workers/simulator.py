@@ -8,10 +8,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from hide_tasks.contract import DecisionRecord, EpisodeResult, EpisodeSpec, Policy, Rules
+from workers.fitness import lacks_camera
 from workers.policies import Hosted, PolicyChoice
 from workers.policy_process import PolicyDied, PolicyProcess
 from workers.protocol import DEATHS
-from workers.remote.target import RemoteProcess
+from workers.remote.target import RemoteProcess, Unreachable
 
 if TYPE_CHECKING:
     from hide_tasks.episode import Witness
@@ -86,7 +87,7 @@ def play_once(
     """
     from hide_tasks.episode import play  # only a process that plays pays for the simulator
 
-    policy = _policy(job.policy)
+    policy = _policy(job.policy, job.spec.task)
     with contextlib.ExitStack() as stack:
         recorders = [stack.enter_context(_recorder(job))] if job.recordings else []
         traces = [trace] if trace else []
@@ -120,11 +121,12 @@ def recording_name(spec: EpisodeSpec) -> str:
 _hosted: dict[Hosted, PolicyProcess] = {}
 
 
-def _policy(choice: PolicyChoice) -> Policy:
+def _policy(choice: PolicyChoice, task: str) -> Policy:
     """A policy for one episode; one in a process of its own stays for the next episode.
 
     Raises:
-        Unreachable: it is on another machine that cannot be reached now.
+        Unreachable: it is on another machine that cannot be reached now, or wants to see through
+            a camera that the task does not have.
     """
     if not isinstance(choice, Hosted):
         return choice.make()
@@ -136,7 +138,9 @@ def _policy(choice: PolicyChoice) -> Policy:
     policy = _hosted[choice]
     policy.make_ready()
     if isinstance(policy, RemoteProcess):
-        policy.open()
+        about = policy.open()
+        if lacking := lacks_camera(choice.text, about.cameras, [task]):
+            raise Unreachable(lacking)
     return policy
 
 

@@ -33,15 +33,18 @@ class Paper(Asset):
 
     def __post_init__(self) -> None:
         core = Shape("box", (WIDTH, WIDTH, HEIGHT), PAPERS[0], seen=False)
-        folds = tuple(_fold(i) for i in range(len(FOLDS)))
+        folds = tuple(fold(i) for i in range(len(FOLDS)))
         self.links = (Link("paper", (core, *folds), mass=0.03, graspable=True),)
 
 
-def _fold(number: int) -> Shape:
-    side, middle, (roll, pitch, yaw) = FOLDS[number]
+def fold(number: int, along: float = 0.0) -> Shape:
+    """One of a sheet's folds, so far along it, m."""
+    side, (x, y, z), (roll, pitch, yaw) = FOLDS[number]
     turned = quaternion(roll=roll, pitch=pitch, yaw=yaw).tolist()
     color = PAPERS[number % len(PAPERS)]
-    return Shape("box", (side, side * 0.9, side * 0.8), color, at=(*middle, *turned), solid=False)
+    return Shape(
+        "box", (side, side * 0.9, side * 0.8), color, at=(x + along, y, z, *turned), solid=False
+    )
 
 
 @dataclass

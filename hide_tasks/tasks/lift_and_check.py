@@ -39,12 +39,14 @@ FELL = 0.1  # m under the table's top
 
 class LiftAndCheck(Task):
     category = Category.EXECUTION_PROGRESS
-    instructions = (
+    instructions: ClassVar[tuple[str, ...]] = (
         "lift blocks one by one to find the white chip underneath and remove it",
         "lift the blocks one by one, find the white chip underneath and move its block away",
     )
     variations = Grid(chip_under=PLACES, color=tuple(COLORS))
     looks = ("color",)
+    places: ClassVar[tuple[str, ...]] = PLACES
+    tall: ClassVar = SIZE  # m of a block
     keyframes = frozenset({6, 11, 16, 21})
     remembers = "which blocks have been lifted"
     failures: ClassVar = {
@@ -61,40 +63,48 @@ class LiftAndCheck(Task):
         layout = self.layout
         x, y = (at + layout.between(-0.03, 0.03) for at in REGION_AT)
         self.region = layout.add(Region(side=SIDE), x, y)
-        blocks = [Block(self.variation.color, SIZE, MASS) for _ in PLACES]
-        layout.scatter(blocks, AREA, gap=GAP, turn=TURN)
-        from_left = sorted(blocks, key=lambda block: -float(block.at[1]))
-        self.blocks = dict(zip(PLACES, from_left, strict=True))
+        from_left = sorted(self._scattered(), key=lambda block: -float(block.at[1]))
+        self.blocks = dict(zip(self.places, from_left, strict=True))
         for place, block in self.blocks.items():
-            layout.add(Chip(place == self.variation.chip_under), block.at[0], block.at[1])
-            block.at[2] += SIZE / 2
+            self._hide(block, there=place == self.variation.chip_under)
+            block.at[2] += self.tall / 2
             layout.seat(Seat(block, block.at, REACH, firm=True, taken=True))
         self.target = self.blocks[self.variation.chip_under]
-        self.searches = {place: self._searches_of(place) for place in PLACES}
+        self.searches = {place: self._searches_of(place) for place in self.places}
+
+    def _scattered(self) -> list[Block]:
+        blocks = [Block(self.variation.color, SIZE, MASS) for _ in self.places]
+        return self.layout.scatter(blocks, AREA, gap=GAP, turn=TURN)
+
+    def _hide(self, block: Block, *, there: bool) -> None:
+        """A chip under a block, or its empty place."""
+        self.layout.add(Chip(there), block.at[0], block.at[1])
 
     def hidden_state(self) -> HiddenState:
         return {
             "chip_under": self.variation.chip_under,
-            "checked": [place for place in PLACES if self.searches[place].total],
+            "checked": [place for place in self.places if self.searches[place].total],
         }
 
     def stage(self) -> str:
         if self._removed():
             return "withdraw"
-        off = [place for place in PLACES if self._off(place) > CHECKED]
+        off = [place for place in self.places if self._off(place) > CHECKED]
         if self.variation.chip_under in off:
             return "remove"
         if off:
             return f"put back {off[0]}"
-        left = [place for place in PLACES if not self.searches[place].total]
+        left = [place for place in self.places if not self.searches[place].total]
         return f"lift {left[0] if left else self.variation.chip_under}"
 
     def expert(self) -> Iterator[Stage]:
-        return self._search(PLACES)
+        return self._search(self.places)
 
     def detours(self) -> list[Iterator[Stage]]:
         # Shows what to do with every block when it is lifted and covers nothing.
-        return [self._search(PLACES[::-1])] if self.variation.chip_under == PLACES[0] else []
+        return (
+            [self._search(self.places[::-1])] if self.variation.chip_under == self.places[0] else []
+        )
 
     def _search(self, order: Sequence[str]) -> Iterator[Stage]:
         for place in order:
@@ -130,15 +140,15 @@ class LiftAndCheck(Task):
         )
 
     def aliases(self) -> list[Alias]:
-        last: Variation = {"chip_under": PLACES[-1]}
+        last: Variation = {"chip_under": self.places[-1]}
         return [
             Alias(
                 Moment(5 * one, last),
                 Moment(5 * two, last),
                 f"all blocks down after {one} and after {two} were lifted",
             )
-            for one in range(len(PLACES))
-            for two in range(one + 1, len(PLACES))
+            for one in range(len(self.places))
+            for two in range(one + 1, len(self.places))
         ]
 
     def _searches_of(self, place: str) -> Counter:
@@ -146,7 +156,7 @@ class LiftAndCheck(Task):
 
     def _left_behind(self) -> bool:
         """True when a block is held while an empty one stands astray: that would mark the way."""
-        others = [place for place in PLACES if place != self.variation.chip_under]
+        others = [place for place in self.places if place != self.variation.chip_under]
         held = any(self.robot.holds(block) for block in self.blocks.values())
         return held and any(map(self._astray, others))
 
@@ -165,4 +175,4 @@ class LiftAndCheck(Task):
         return all(self.checks().values())
 
     def _goal(self) -> Array:
-        return point(self.region.at, 0, 0, SIZE / 2 + ABOVE_MAT)
+        return point(self.region.at, 0, 0, self.tall / 2 + ABOVE_MAT)

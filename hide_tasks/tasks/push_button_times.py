@@ -23,13 +23,15 @@ WITHDRAWN = 0.25  # m of the tip above the table
 
 class PushButtonTimes(Task):
     category = Category.REPETITION_COUNTING
-    instructions = (
+    instructions: ClassVar[tuple[str, ...]] = (
         "push the {color} button {count} times",
         "press the {color} button {count} times",
         "push down the button with the {color} base {count} times",
     )
     variations = Grid(count=(1, 2, 3, 4, 5), color=CLEAR_COLORS)
     looks = ("color",)
+    palette: ClassVar[tuple[str, ...]] = CLEAR_COLORS
+    area: ClassVar = AREA
     keyframes = frozenset({4, 6, 8, 10, 12})
     remembers = "how many presses are done"
     failures: ClassVar = {
@@ -41,11 +43,11 @@ class PushButtonTimes(Task):
     spoils = frozenset({Failure.OVERCOUNT})
 
     def build(self) -> None:
-        order = [CLEAR_COLORS[i] for i in self.layout.rng.permutation(len(CLEAR_COLORS))]
+        order = [self.palette[i] for i in self.layout.rng.permutation(len(self.palette))]
         others = [color for color in order if color != self.variation.color]
         colors = [self.variation.color, *others[: BUTTONS - 1]]
         self.target, *self.distractors = self.layout.scatter(
-            map(Button, colors), AREA, gap=SPACING, turn=0.6
+            map(Button, colors), self.area, gap=SPACING, turn=0.6
         )
         self.presses = self._presses_of("press", self.target)
         self.wrong = [self._presses_of("wrong_press", button) for button in self.distractors]

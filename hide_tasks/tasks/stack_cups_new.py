@@ -4,7 +4,7 @@ HIDE appendix A.1 (d), as the paper has it: of three cups those that still stand
 many are stacked, so memory is hardly needed.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 from itertools import permutations
 from typing import ClassVar
@@ -34,13 +34,13 @@ FELL = 0.1  # m under the table's top
 
 class StackCupsNew(Task):
     category = Category.REPETITION_COUNTING
-    instructions = (
+    instructions: ClassVar[tuple[str, ...]] = (
         "stack {cups} on top of the {color} cup",
         "place {number} of the other cups onto the {color} cup",
         "leave the {color} cup where it is and stack {cups} on it",
     )
     variations = Grid(color=NAMES, number=("one", "two"))
-    looks = ("color",)
+    looks: ClassVar[tuple[str, ...]] = ("color",)
     keyframes = frozenset({6, 11})
     remembers = "how many cups are stacked; the cups that stand alone tell it"
     failures: ClassVar = {
@@ -67,7 +67,8 @@ class StackCupsNew(Task):
         self.layout.scatter(cups, AREA, gap=GAP)
         for cup in cups:
             cup.at[2] += cup.height / 2
-        self.base, *self.others = cups
+        self.base: Cup = cups[0]
+        self.others: Sequence[Cup] = cups[1:]
         self.wanted = ("one", "two").index(str(self.variation.number)) + 1
         for cup in self.others:
             self.count(f"{cup.color}_stacking", partial(self._sits, cup), up=0.5, down=0.5)

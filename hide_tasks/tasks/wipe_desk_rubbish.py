@@ -37,7 +37,7 @@ FELL = 0.1  # m under the table's top
 
 class WipeDeskRubbish(Task):
     category = Category.HISTORICAL_STATE_RECALL
-    instructions = (
+    instructions: ClassVar[tuple[str, ...]] = (
         "wipe dirt off the desk",
         "use the sponge to clean up the desk",
         "remove the dirt from the desk",

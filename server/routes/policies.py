@@ -192,6 +192,7 @@ def _kept(
             name=name,
             description=description,
             config=header.config,
+            suite=header.provenance.suite,
             principal=principal,
             checks=checks,
         )

@@ -13,14 +13,16 @@ from seek_model.network import Network
 from tests.seek_model.tiny import tiny
 
 
-def tiny_checkpoint(path: Path, config: Config | None = None, seed: int = 0) -> Path:
+def tiny_checkpoint(
+    path: Path, config: Config | None = None, seed: int = 0, suite: str = "hide"
+) -> Path:
     """A checkpoint of random weights that plays like any other."""
     config = config or tiny()
     torch.manual_seed(seed)
     provenance = Provenance(
         project="0.1.0",
         torch=torch.__version__,
-        suite="hide",
+        suite=suite,
         version=1,
         data="0" * 64,
         tasks=("push_button_times",),

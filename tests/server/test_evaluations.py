@@ -8,7 +8,7 @@ import pytest
 from sqlalchemy.orm import Session
 
 from hide_tasks.contract import Failure
-from server import evaluations, lifecycle
+from server import evaluations, lifecycle, policies
 from server.blobs import Blobs
 from server.commit import commit
 from server.db import Database
@@ -17,6 +17,7 @@ from server.problems import Problem
 from server.schemas.evaluations import EvaluationCreate
 from server.states import EvaluationState
 from tests.server import ledgers
+from workers.protocol import RemotePolicy
 
 SMALL = {"tasks": ["search_drawer"], "episodes": 5}
 
@@ -203,3 +204,31 @@ def test_a_category_chooses_its_tasks(database: Database, category: str) -> None
         found = {one.category for one in ledgers.episodes_of(session, created.id)}
 
     assert found == {category}
+
+
+def test_weights_of_another_suite_are_refused(database: Database, store: Blobs) -> None:
+    ledgers.uploaded(database, store, "seek-x", b"weights")
+
+    with database.writing() as session, pytest.raises(Problem) as raised:
+        ledgers.created(session, "seek-x", tasks=["real_stack_cups"], episodes=1)
+
+    assert raised.value.status == 422
+    assert raised.value.errors[0]["field"] == "policy"
+    assert "was trained on suite hide; these tasks are of real4" in str(raised.value)
+
+
+def test_a_remote_policy_that_wants_a_camera_which_is_not_there_is_refused(
+    database: Database,
+) -> None:
+    spec = RemotePolicy.model_validate(
+        {
+            "url": "ws://127.0.0.1:1",
+            "observation": {"image": {"from": "wrist.rgb"}},
+            "action": {"kind": "action"},
+        }
+    )
+    with database.writing() as session:
+        policies.register(session, "there", spec)
+
+    with database.writing() as session, pytest.raises(Problem, match="is to see the camera wrist"):
+        ledgers.created(session, "there", tasks=["real_stack_cups"], episodes=1)

@@ -16,12 +16,14 @@ from tests.web.sites import Site
 from web.routes_viewer import _takes_gzip
 from web.viewer_assets import (
     LAYOUT,
+    LAYOUTS,
     MANIFEST,
     PACKED,
     SCRIPT,
     WASM,
     ViewerAssets,
     ViewerMissing,
+    layout_for,
     prepare,
     wheel_folder,
 )
@@ -81,8 +83,10 @@ def test_the_files_are_the_wheels_own_but_for_names_and_an_export(folder: Path) 
     assert (folder / SCRIPT).read_bytes() == script + b"\nexport { WebViewer };\n"
     assert packed == without_names(wasm)
     assert len(packed) < 0.8 * len(wasm)
-    assert (folder / LAYOUT).read_bytes().startswith(b"RRF2")
-    assert set(contents(folder)) == {SCRIPT, PACKED, LAYOUT, MANIFEST}
+    assert len(LAYOUTS) == 2  # of four cameras, and of one
+    assert all((folder / name).read_bytes().startswith(b"RRF2") for name in LAYOUTS)
+    assert b"wrist" not in (folder / layout_for(("front",))).read_bytes()
+    assert set(contents(folder)) == {SCRIPT, PACKED, *LAYOUTS, MANIFEST}
 
 
 def test_whole_files_are_kept(folder: Path) -> None:
@@ -123,7 +127,7 @@ def test_two_servers_may_make_them_at_once(folder: Path) -> None:
         list(threads.map(prepare, [folder, folder]))
 
     assert contents(folder)[SCRIPT] == whole
-    assert set(contents(folder)) == {SCRIPT, PACKED, LAYOUT, MANIFEST}
+    assert set(contents(folder)) == {SCRIPT, PACKED, *LAYOUTS, MANIFEST}
 
 
 def test_a_folder_that_cannot_be_written_is_told_and_tried_again(tmp_path: Path) -> None:
@@ -204,7 +208,7 @@ def test_they_are_made_in_the_background_when_the_server_starts(tmp_path: Path) 
         files = app.state.viewer.begin().result(timeout=60)
 
     assert waited < 2
-    assert files.wasm.exists() and files.layout.exists()
+    assert files.wasm.exists() and files.layouts[LAYOUT].exists()
 
 
 @pytest.mark.parametrize(

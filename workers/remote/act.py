@@ -12,6 +12,7 @@ from workers.remote import json_arrays, post
 from workers.remote.actions import actions_of
 from workers.remote.arrays import BadMessage
 from workers.remote.client import Client, PeerError, declared_maps
+from workers.remote.maps import cameras_in
 from workers.remote.observations import told
 from workers.remote.target import About, Target
 from workers.remote.words import plain_text
@@ -28,7 +29,7 @@ class ActPolicy(Client):
     def _connect(self, patience: float) -> About:
         self._observation, self._action = declared_maps(self.target.policy)
         post.connect(self.target, patience).close()  # it has nothing to say of itself
-        return About(dialect="act")
+        return About(dialect="act", cameras=cameras_in(self._observation))
 
     def _begin(self, instruction: str) -> None:
         """Does nothing: its server keeps no episode apart from another."""

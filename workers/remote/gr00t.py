@@ -19,6 +19,7 @@ from workers.remote import arrays, client
 from workers.remote.actions import actions_of
 from workers.remote.arrays import BadMessage
 from workers.remote.client import BadServer, Client, PeerError, declared_maps, dial
+from workers.remote.maps import cameras_in
 from workers.remote.observations import told
 from workers.remote.target import About, Target
 from workers.remote.words import plain_text
@@ -50,7 +51,7 @@ class Gr00tPolicy(Client):
             raw.close()
             reason = client.reason_of(error)
             raise BadServer(f"{self.target.policy.url} is no such server: {reason}") from None
-        return About(dialect="gr00t")
+        return About(dialect="gr00t", cameras=cameras_in(self._observation))
 
     def _begin(self, instruction: str) -> None:
         self._exchanged("reset", {"options": None})

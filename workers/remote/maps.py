@@ -5,6 +5,7 @@ an answer that differs from its declaration.
 """
 
 import json
+from collections.abc import Sequence
 from typing import Annotated, Literal, Self
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, JsonValue, model_validator
@@ -191,6 +192,14 @@ class Declaration(_Declared):
         return {"hide": self.model_dump(mode="json", exclude_defaults=True) | {"protocol": 1}}
 
 
+def cameras_in(observation: ObservationMap) -> tuple[str, ...]:
+    """The cameras that entries of an observation come from."""
+    groups = [e if isinstance(e, dict) else {"": e} for e in observation.values()]
+    entries = [entry for group in groups for entry in group.values()]
+    named = {entry.camera for entry in entries if isinstance(entry, Seen)}
+    return tuple(name for name in CAMERAS if name in named)
+
+
 def require_free_names(observation: ObservationMap) -> None:
     """Does nothing unless an observation's entry has a name of ours.
 
@@ -218,10 +227,10 @@ def _inline(entry: Entry) -> str:
     return "{" + ", ".join(f"{name} = {json.dumps(value)}" for name, value in said.items()) + "}"
 
 
-def everything() -> ObservationMap:
-    """An observation as the contract has it, nothing rounded."""
-    images = {f"{camera}/{part}": f"{camera}.{part}" for camera in CAMERAS for part in IMAGES}
-    geometry = {f"{camera}/{part}": f"{camera}.{part}" for camera in CAMERAS for part in PARTS[2:]}
+def everything(cameras: Sequence[str] = CAMERAS) -> ObservationMap:
+    """An observation as the contract has it, of these cameras, nothing rounded."""
+    images = {f"{camera}/{part}": f"{camera}.{part}" for camera in cameras for part in IMAGES}
+    geometry = {f"{camera}/{part}": f"{camera}.{part}" for camera in cameras for part in PARTS[2:]}
     exact = [*geometry, "gripper_pose", "gripper_opening", "joint_positions"]
     named = {name: Seen.model_validate({"from": source}) for name, source in images.items()}
     for name in exact:

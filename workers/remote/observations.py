@@ -92,7 +92,7 @@ def observation_of(message: Mapping[str, Any]) -> Observation:
         BadObservation: an entry is missing, or of another kind or shape.
     """
     views = {}
-    for camera in CAMERAS:
+    for camera in _cameras_in(message):
         parts = {
             part: _array(message, f"{camera}/{part}", KINDS[part], SHAPES[part]) for part in PARTS
         }
@@ -109,6 +109,12 @@ def observation_of(message: Mapping[str, Any]) -> Observation:
         joint_positions=_array(message, "joint_positions", "f8", (7,)),
         instruction=instruction,
     )
+
+
+def _cameras_in(message: Mapping[str, Any]) -> list[str]:
+    """Those of which a part is there; the first if there is none, to be missed."""
+    named = {name.partition("/")[0] for name in message if isinstance(name, str)}
+    return [camera for camera in CAMERAS if camera in named] or [CAMERAS[0]]
 
 
 def _array(

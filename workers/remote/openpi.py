@@ -25,7 +25,7 @@ from workers.protocol import RemotePolicy
 from workers.remote import arrays
 from workers.remote.actions import actions_of
 from workers.remote.client import BadServer, PeerError
-from workers.remote.maps import ActionMap, Declaration, ObservationMap
+from workers.remote.maps import ActionMap, Declaration, ObservationMap, cameras_in
 from workers.remote.observations import told
 from workers.remote.target import About, Target
 from workers.remote.websocket import WebSocketClient, binary, unpacked
@@ -113,7 +113,7 @@ def agree(policy: RemotePolicy, metadata: Mapping[Any, Any]) -> Agreement:
             f"{policy.url} speaks plain {dialect}, which does not say what it wants to see; "
             "declare `observation` and `action`"
         )
-    about = About(dialect=dialect)
+    about = About(dialect=dialect, cameras=cameras_in(policy.observation))
     return Agreement(about=about, observation=policy.observation, action=policy.action)
 
 
@@ -139,6 +139,7 @@ def _as_declared(policy: RemotePolicy, found: object) -> Agreement:
         model=declared.model,
         sessions=declared.max_sessions if declared.stateful else 1,
         sees=tuple(declared.observation),
+        cameras=cameras_in(declared.observation),
         acts=declared.action.kind,
     )
     return Agreement(about=about, observation=declared.observation, action=declared.action)

@@ -85,6 +85,7 @@ class WebSocketServer(ABC):
         self, policy: Hosted, *, sessions: int = 1, model: str = "", key: str | None = None
     ):
         self.key, self.model, self.sessions = key, model, sessions
+        self.cameras = policy.cameras
         self._seats = Seats(policy, sessions)
 
     def listen(self, host: str, port: int) -> Server:
@@ -139,7 +140,7 @@ class PolicyServer(WebSocketServer):
 
     def converse(self, connection: ServerConnection, seat: Seat) -> None:
         declared = Declaration(
-            model=self.model, observation=everything(), max_sessions=self.sessions
+            model=self.model, observation=everything(self.cameras), max_sessions=self.sessions
         )
         connection.send(arrays.pack(declared.message()))
         session = Session(seat.process)

@@ -39,6 +39,7 @@ class About(BaseModel):
     model: str = ""
     sessions: int = 1  # at a time
     sees: tuple[str, ...] = ()  # entries of its observations, if it declares them
+    cameras: tuple[str, ...] = ()  # that its observations are to come from
     acts: str = ""  # the kind of its actions, if it declares it
 
     @computed_field  # type: ignore[prop-decorator]

@@ -21,7 +21,7 @@ from workers.remote import arrays
 from workers.remote.actions import actions_of
 from workers.remote.arrays import BadMessage
 from workers.remote.client import BadServer, PeerError, declared_maps
-from workers.remote.maps import ActionMap
+from workers.remote.maps import ActionMap, cameras_in
 from workers.remote.observations import told
 from workers.remote.target import About, Target
 from workers.remote.websocket import WebSocketClient, binary, unpacked
@@ -43,7 +43,12 @@ class VlaEvalPolicy(WebSocketClient):
         payload = _hello(said, policy.url)
         _require_columns(payload, self._action, policy.url)
         model = plain_text(str(payload.get("model_server", "")))[:LONGEST_NAME]
-        return About(dialect="vla_eval", model=model, sessions=policy.concurrency or 1)
+        return About(
+            dialect="vla_eval",
+            model=model,
+            sessions=policy.concurrency or 1,
+            cameras=cameras_in(self._observation),
+        )
 
     def _begin(self, instruction: str) -> None:
         self._there.send(pack("episode_start", {"task": {"name": instruction}})[1])

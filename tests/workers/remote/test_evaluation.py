@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from websockets.sync.server import ServerConnection
 
+from hide_tasks.contract import CAMERAS
 from tests.seek_model.checkpoints import tiny_checkpoint
 from tests.server.running import until
 from tests.workers.remote import test_act, test_gr00t
@@ -54,6 +55,7 @@ def test_a_served_policy_plays_the_very_episode_that_it_plays_here(tmp_path: Pat
         "dialect": "hide",
         "model": "Stays",
         "sessions": 1,
+        "cameras": list(CAMERAS),
         "acts": "action",
         "stateless_transport": False,
     }

@@ -17,7 +17,7 @@ from hide_tasks.contract import (
 )
 from workers.remote import arrays
 from workers.remote.actions import actions_of
-from workers.remote.maps import ActionMap, Declaration, Seen, everything
+from workers.remote.maps import ActionMap, Declaration, Seen, cameras_in, everything
 from workers.remote.observations import BadObservation, observation_of, told
 
 TURN = Rotation.from_euler("xyz", [0.3, -0.2, 1.0])
@@ -59,6 +59,24 @@ def test_everything_crosses_the_wire_unchanged() -> None:
     assert after.gripper_pose.tolist() == before.gripper_pose.tolist()
     assert after.joint_positions.tolist() == before.joint_positions.tolist()
     assert (after.gripper_opening, after.instruction) == (0.25, before.instruction)
+
+
+def test_an_observation_of_one_camera_crosses_the_wire() -> None:
+    before = observation()
+    del before.views["left_shoulder"], before.views["right_shoulder"], before.views["wrist"]
+
+    after = observation_of(told(before, everything(["front"])))
+
+    assert list(after.views) == ["front"]
+    assert (after.views["front"].rgb == before.views["front"].rgb).all()
+
+
+def test_a_map_tells_its_cameras() -> None:
+    wrist = Seen.model_validate({"from": "wrist.rgb"})
+    joints = Seen.model_validate({"from": "joint_positions"})
+
+    assert cameras_in({"a": {"b": wrist}, "c": joints}) == ("wrist",)
+    assert cameras_in(everything()) == CAMERAS
 
 
 def test_images() -> None:
