@@ -86,7 +86,7 @@ class StackCupsNewHard(StackCupsNew):
         return f"stack {NTH[done]} of {len(self.others)}"
 
     def _order(self) -> list[Cup]:
-        return self.others
+        return list(self.others)
 
     def _place(self, number: int) -> Array:
         """Where every cup is put: into the top one."""
