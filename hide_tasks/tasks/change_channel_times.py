@@ -37,7 +37,7 @@ REMOTE_AREA = Area(x=(0.12, 0.22), y=(0.20, 0.28))  # to the left or to the righ
 REMOTE_TURN = 1.2  # rad either way
 GRIP = 0.004  # m above the remote's middle that the fingers take it
 HOVER = 0.089  # m above a button (RLBench change_channel)
-PRESS = 0.0065  # m that a press goes down: over the 5 mm that count, under the cap's 8 mm
+PRESS = 0.0075  # m that a press goes down: well over the 5 mm that count, under the cap's 8 mm
 RISE = 0.35  # m of the tip above the table, when the arm withdraws
 WITHDRAWN = 0.25  # m of the tip above the table
 FELL = 0.1  # m under the table's top
