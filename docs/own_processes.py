@@ -28,6 +28,8 @@ class Folder:
 
     def __init__(self, path: Path):
         self.path = path
+        self.running: set[subprocess.Popen[bytes]] = set()  # that `hide` waits for
+        self.stopped = False
         path.mkdir(parents=True, exist_ok=True)
         self._lock = os.open(path / ".lock", os.O_RDWR | os.O_CREAT, 0o644)
         ends = time.monotonic() + PATIENCE
@@ -54,23 +56,38 @@ class Folder:
             **how,
         )
 
-    def hide(self, *arguments: str | Path | int) -> None:
+    def hide(self, *arguments: str | Path | int, threads: int | None = None) -> None:
         """Runs a `hide` command to its end; what it says goes to standard error.
+
+        Args:
+            threads: that it may compute with; None: as many as it wants.
 
         Raises:
             Failed: its exit status is not 0.
             KeyboardInterrupt: it was told to stop, and has.
         """
         command = [sys.executable, "-m", "server.cli", *map(str, arguments)]
-        process = self.started(command, stdout=subprocess.DEVNULL)
+        environment = os.environ | ({"OMP_NUM_THREADS": str(threads)} if threads else {})
+        process = self.started(command, stdout=subprocess.DEVNULL, env=environment)
+        self.running.add(process)
+        if self.stopped:
+            process.send_signal(signal.SIGTERM)
         try:
             status = process.wait()
         except BaseException:
             process.send_signal(signal.SIGTERM)  # Ctrl-C has reached it already
             process.wait()
             raise
+        finally:
+            self.running.discard(process)
         if status:
             raise Failed(f"hide {' '.join(map(str, arguments))} ended with status {status}.")
+
+    def stop(self) -> None:
+        """Tells every `hide` command that runs, or will, to end."""
+        self.stopped = True
+        for process in list(self.running):
+            process.send_signal(signal.SIGTERM)
 
 
 def _end_with_parent() -> None:

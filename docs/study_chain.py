@@ -3,8 +3,10 @@
 import argparse
 import json
 import os
+import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
@@ -17,7 +19,9 @@ from docs.study_player import Player, digest, say
 from seek_model.checkpoint_header import BadCheckpoint, Header, read_header
 from seek_model.study import Run, Study, is_of, recipe
 from server.client import Client
+from workers.evaluation import count_cpus
 
+PLAYS = ("reference", "evaluation")
 CHECKPOINT, CHECKPOINT_FIRST = "checkpoint.safetensors", "checkpoint-first.safetensors"
 
 
@@ -51,6 +55,7 @@ class Reproduction:
         chosen = options.only.split(",") if options.only else [run.name for run in study.runs]
         self.runs = [study.run(name) for name in chosen]
         self.references = () if options.only else REFERENCES
+        self._timing = threading.Lock()
 
     def hold(self) -> None:
         """Keeps others from working in its folder, and waits for what was left behind there.
@@ -137,7 +142,8 @@ class Reproduction:
         if run.start:
             start = self.checkpoint(self.study.run(run.start))
             arguments += ["--start", os.path.relpath(start, ROOT)]
-        self.folder.hide("train", self._recipe(run), *arguments)
+        threads = self._threads if run.start else None
+        self.folder.hide("train", self._recipe(run), *arguments, threads=threads)
 
     def _recipe(self, run: Run) -> str | Path:
         text = recipe(self.study, run)
@@ -176,31 +182,60 @@ class Reproduction:
 
     def do(self, steps: list[Step]) -> None:
         """All of it; a server of its own runs for the evaluations, and to export."""
-        for step in (one for one in steps if one.kind not in ("reference", "evaluation")):
+        for step in (one for one in steps if one.kind not in ("second", *PLAYS)):
             with self._timed(step):
                 step.do()
+        self._side_by_side([one for one in steps if one.kind == "second"])
         if self.options.train_only:
             return
         with server(self.folder, self.data, self.options.workers) as url:
             say(f"A server for this: {url} (its data: {self.data})")
             with Client(url) as client:
                 self.player = Player(self.study, client, recordings=self.options.recordings)
-                for step in (one for one in steps if one.kind in ("reference", "evaluation")):
+                for step in (one for one in steps if one.kind in PLAYS):
                     with self._timed(step):
                         step.do()
                 self.player.export(self.out / "exports")
 
+    def _side_by_side(self, steps: Sequence[Step]) -> None:
+        """Trains what does not wait for each other, some at a time with a share of the cores."""
+
+        def do(step: Step) -> None:
+            with self._timed(step, self.options.at_once):
+                step.do()
+
+        with ThreadPoolExecutor(self.options.at_once) as pool:
+            begun = [pool.submit(do, step) for step in steps]
+            try:
+                for one in as_completed(begun):
+                    one.result()
+            except BaseException:
+                for one in begun:
+                    one.cancel()
+                self.folder.stop()
+                raise
+
+    @property
+    def _threads(self) -> int | None:
+        """What one of the trainings that run at once may have; None: all."""
+        at_once: int = self.options.at_once
+        return max(1, count_cpus() // at_once) if at_once > 1 else None
+
     @contextmanager
-    def _timed(self, step: Step) -> Iterator[None]:
-        """Says what begins, and adds up what it takes, over restarts as well."""
+    def _timed(self, step: Step, at_once: int = 1) -> Iterator[None]:
+        """Says what begins, and adds up what it takes of the machine, over restarts as well."""
         say(f"{step.kind}: {step.name}")
         began = time.monotonic()
         try:
             yield
         finally:
-            spent, path = make_results.spent(self.out), self.out / make_results.TIMES
-            of_kind = spent.setdefault(step.kind, {})
-            of_kind[step.name] = round(of_kind.get(step.name, 0.0) + time.monotonic() - began, 1)
-            part = path.with_suffix(".part")
-            part.write_text(json.dumps(spent, indent=1) + "\n")
-            part.replace(path)
+            with self._timing:
+                self._add(step, (time.monotonic() - began) / at_once)
+
+    def _add(self, step: Step, seconds: float) -> None:
+        spent, path = make_results.spent(self.out), self.out / make_results.TIMES
+        of_kind = spent.setdefault(step.kind, {})
+        of_kind[step.name] = round(of_kind.get(step.name, 0.0) + seconds, 1)
+        part = path.with_suffix(".part")
+        part.write_text(json.dumps(spent, indent=1) + "\n")
+        part.replace(path)

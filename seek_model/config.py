@@ -194,6 +194,7 @@ class Phase(_Config):
     clip: Annotated[float, Field(ge=0.0)] = 1.0  # of the gradient's norm; 0: none
     freeze: tuple[Literal["encoder", "all_but_memory", "fine"], ...] = ()
     loss: Literal["all", "coarse"] = "all"
+    choice_weight: Size = 1.0  # of where to go when a stage begins
 
 
 class Train(_Config):
@@ -205,7 +206,7 @@ class Train(_Config):
     # Memory is read by the coarse branch alone; the fine one stays as the first phase left it.
     second: Phase = Phase(
         steps=480, horizon=480, warmup=30, batch=16, frames=7, rate=1e-3, decay=0.0,
-        freeze=("encoder", "fine"), loss="coarse",
+        freeze=("encoder", "fine"), loss="coarse", choice_weight=4.0,
     )  # fmt: skip
     archive: Literal["prefix", "literal"] = "prefix"  # models.md A1: c, a
     augment: Augment = Augment()

@@ -20,10 +20,12 @@ def total(
 
     Translation is the mean over the views of both looks; the other parts of the action count
     once each (models.md 1.8). A phase whose loss is `coarse` trains what the coarse branch says:
-    the target, where stages end, and when to stop.
+    the target, where stages end, and when to stop. Keyframes that begin a stage weigh
+    `choice_weight` times as much in the translation as others.
     """
     true = targets.at(predictions.rows.sequence, predictions.rows.step)
-    found = _where(predictions, true, network)
+    weights = 1.0 + (phase.choice_weight - 1.0) * _begins(predictions, targets)
+    found = _where(predictions, true, network, weights / weights.mean())
     if phase.loss == "all" and predictions.said is not None:
         rotation = predictions.said.rotation.float()
         for axis, name in enumerate(("rotation_x", "rotation_y", "rotation_z")):
@@ -31,7 +33,7 @@ def total(
         found["opening"] = cross_entropy(predictions.said.opening.float(), true.opening)
         collisions = predictions.said.ignore_collisions.float()
         found["collisions"] = cross_entropy(collisions, true.ignore_collisions)
-    weights = {"boundary": train.stage_weight, "stop": train.stop_weight}
+    factors = {"boundary": train.stage_weight, "stop": train.stop_weight}
     if predictions.coarse.boundary is not None:
         found["boundary"] = _rare(predictions.coarse.boundary, true.boundary)
     if predictions.coarse.stop is not None:
@@ -39,20 +41,31 @@ def total(
         stop = predictions.coarse.stop.float()
         found["stop"] = binary_cross_entropy_with_logits(stop, true.stop)
     found["total"] = torch.stack(
-        [weights.get(name, 1.0) * loss for name, loss in found.items()]
+        [factors.get(name, 1.0) * loss for name, loss in found.items()]
     ).sum()
     return found
 
 
-def _where(predictions: Predictions, true: Targets, network: Network) -> dict[str, Tensor]:
+def _begins(predictions: Predictions, targets: Targets) -> Float[Tensor, " f"]:
+    """1 where a stage begins: what comes next is told by memory, within a stage by the picture."""
+    rows = predictions.rows
+    before = targets.boundary[rows.sequence, (rows.step - 1).clamp(min=0)]
+    return torch.where(rows.step == 0, torch.ones_like(before), before)
+
+
+def _where(
+    predictions: Predictions, true: Targets, network: Network, weights: Float[Tensor, " f"]
+) -> dict[str, Tensor]:
     cameras = network.coarse.cameras
     wanted = heatmaps.target(cameras.project(true.position), cameras.size)
-    coarse = heatmaps.loss(predictions.coarse.decoded.logits.float(), wanted).mean()
+    coarse = heatmaps.loss(predictions.coarse.decoded.logits.float(), wanted)
+    coarse = (weights * coarse).mean()
     if predictions.fine is None or network.fine is None:
         return {"translation": coarse}
     near = network.fine.zoom * (true.position - predictions.fine.center)
     wanted = heatmaps.target(cameras.project(near), cameras.size)
-    fine = heatmaps.loss(predictions.fine.logits.float(), wanted).mean()
+    fine = heatmaps.loss(predictions.fine.logits.float(), wanted)
+    fine = (weights * fine).mean()
     return {"translation": (coarse + fine) / 2}
 
 

@@ -69,6 +69,7 @@ def train(
 
     folder = out or Path("runs", f"train-{name_of(config)}")
     with reporting() as reporter:
+        reporter.name = f"{folder.name}, "
         try:
             store = keyframes(data, config.model.views, reporter)
             reporter.say(f"{folder}: {config.name} on {store.path}")
@@ -177,6 +178,7 @@ class Reporter(Watcher):
     def __init__(self, console: Console):
         self.console = console
         self.told = monotonic()
+        self.name = ""  # of the training, for several lines of several trainings in one log
 
     def begun(self, phase: str, done: int, steps: int) -> None:
         self.say(f"Phase {phase}: {steps - done} steps to train" + f", {done} there" * bool(done))
@@ -184,10 +186,10 @@ class Reporter(Watcher):
     def stepped(self, step: Step) -> None:
         if step.step == step.steps or monotonic() - self.told > EVERY:
             self.told = monotonic()
-            self.say(f"{step.phase}: {step.step} of {step.steps} steps, {pace(step)}")
+            self.say(f"{self.name}{step.phase}: {step.step} of {step.steps} steps, {pace(step)}")
 
     def validated(self, phase: str, step: int, summary: Mapping[str, Any]) -> None:
-        self.say(f"{phase}, step {step}: {told(summary['overall'])}")
+        self.say(f"{self.name}{phase}, step {step}: {told(summary['overall'])}")
 
     def say(self, line: str) -> None:
         self.console.print(line, markup=False, highlight=False, soft_wrap=True)

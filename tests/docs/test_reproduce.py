@@ -5,11 +5,12 @@ import os
 import signal
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
 
-from docs import make_results, study_player
+from docs import make_results, own_processes, study_player
 from docs.own_processes import Failed
 from docs.reproduce import main, plan
 from docs.study_chain import Step
@@ -137,13 +138,38 @@ def test_a_run_from_another_first_phase_is_refused(
 def test_two_of_them_do_not_work_in_one_folder(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    from docs import own_processes
-
     monkeypatch.setattr(own_processes, "PATIENCE", 0.1)
     own_processes.Folder(tmp_path)
 
     with pytest.raises(Failed, match="is in use; one program at a time works in it"):
         own_processes.Folder(tmp_path)
+
+
+def test_what_runs_side_by_side_ends_when_it_is_told_to(tmp_path: Path) -> None:
+    folder = own_processes.Folder(tmp_path / "study")
+    arguments = ("serve", "--port", "0", "--no-references", "--data")
+    with ThreadPoolExecutor(2) as pool:
+        begun = [pool.submit(folder.hide, *arguments, tmp_path / name) for name in "ab"]
+        wait_for(lambda: len(folder.running) == 2, "two servers", 60)
+        folder.stop()
+        late = pool.submit(folder.hide, *arguments, tmp_path / "late")
+
+        for one in (*begun, late):
+            assert isinstance(one.exception(timeout=60), Failed | type(None))
+    assert not folder.running
+
+
+@pytest.mark.parametrize("number", ["0", "-1", "some"])
+def test_a_number_at_once_that_cannot_be_is_refused(
+    capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, number: str
+) -> None:
+    monkeypatch.setattr(sys, "argv", ["reproduce", "--plan", "--at-once", number])
+
+    with pytest.raises(SystemExit) as ended:
+        main()
+
+    assert ended.value.code == 2
+    assert "--at-once" in capfd.readouterr().err
 
 
 def test_the_expected_time_is_what_was_measured() -> None:

@@ -4,7 +4,7 @@ import math
 import pytest
 import torch
 
-from seek_model import losses
+from seek_model import heatmaps, losses
 from seek_model.config import Phase, Train
 from seek_model.network import Network
 from tests.seek_model.tiny import frames, targets, tiny_model
@@ -42,6 +42,24 @@ def test_the_total_is_the_sum_of_all_with_the_boundary_weighed() -> None:
     parts = [value for name, value in once.items() if name != "total"]
     assert torch.allclose(once["total"], torch.stack(parts).sum())
     assert torch.allclose(thrice["total"] - once["total"], 2 * once["boundary"])
+
+
+def test_keyframes_that_begin_a_stage_weigh_more_in_the_translation() -> None:
+    """The first of an episode does, and those after a boundary."""
+    net, seen = network(), frames(1, 4)
+    wanted = dataclasses.replace(targets(seen), boundary=torch.tensor([[0.0, 1.0, 0.0, 0.0]]))
+    predictions = net(seen, wanted, coarse_only=True)
+    cameras = net.coarse.cameras
+    each = heatmaps.loss(
+        predictions.coarse.decoded.logits.float(),
+        heatmaps.target(cameras.project(wanted.position[0]), cameras.size),
+    )
+    phase = PHASE.model_copy(update={"loss": "coarse", "choice_weight": 3.0})
+
+    found = losses.total(predictions, wanted, net, TRAIN, phase)["translation"]
+
+    expected = torch.tensor([3.0, 1.0, 3.0, 1.0]) @ each / 8
+    assert torch.allclose(found, expected)
 
 
 def test_a_coarse_phase_trains_what_the_coarse_branch_says() -> None:

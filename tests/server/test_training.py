@@ -63,7 +63,7 @@ def test_a_training_from_demonstrations_to_checkpoint_and_again(
 
     assert (status, output) == (0, f"{out / 'checkpoint.safetensors'}\n")
     assert "Building" in errors
-    assert "first: 4 of 4 steps" in errors
+    assert ", first: 4 of 4 steps" in errors
     assert "cm off in 3 keyframes of split val" in errors
     assert read_header(out / "checkpoint.safetensors").config.name == "tiny"
     assert (demos / "keyframes-100-0.05" / "index.json").is_file()
