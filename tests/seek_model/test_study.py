@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from hide_tasks import ALL_TASKS, load
+from hide_tasks import SUITES, load
 from seek_model.config import Config
 from seek_model.presets import preset
 from seek_model.recipes import read
@@ -52,7 +52,7 @@ def test_seek_and_its_twin_have_three_seeds() -> None:
 
 
 def test_the_tiny_study_has_a_task_of_each_category() -> None:
-    assert set(TINY.tasks) <= set(ALL_TASKS)
+    assert set(TINY.tasks) <= set(SUITES["hide"])
     assert {str(load(task).category) for task in TINY.tasks} == {"RC", "HSR", "EPT"}
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from hide_tasks import ALL_TASKS, suite
+from hide_tasks import SUITES, suite
 from hide_tasks.demos import Folder
 from seek_model import trained
 from server import cli
@@ -32,7 +32,7 @@ def test_the_catalogue_as_json(capfd) -> None:
 
     entries = json.loads(output)["tasks"]
     assert (status, errors) == (0, "")
-    assert [entry["name"] for entry in entries] == list(ALL_TASKS)
+    assert [entry["name"] for entry in entries] == list(SUITES["hide"])
     assert {
         "category",
         "instruction",
@@ -48,7 +48,7 @@ def test_the_catalogue_as_a_table_names_every_task_whole(capfd) -> None:
     status, output, _ = hide(capfd, "tasks")
 
     assert status == 0
-    assert all(name in output for name in ALL_TASKS)
+    assert all(name in output for name in SUITES["hide"])
 
 
 def test_the_catalogue_is_there_within_a_second_and_without_the_simulator() -> None:

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import pytest
 
-from hide_tasks import ALL_TASKS
+from hide_tasks import SUITES
 from hide_tasks.certificates import certificate
 from hide_tasks.contract import EpisodeSpec, Failure
 from server import lifecycle
@@ -19,8 +19,8 @@ from server.schemas.leaderboard import Leaderboard, LeaderboardRow
 from tests.server import ledgers
 from tests.server.ledgers import Outcomes
 
-WHOLE = 25 * len(ALL_TASKS)
-PROOFS = {task: certificate(task) for task in ALL_TASKS}
+WHOLE = 25 * len(SUITES["hide"])
+PROOFS = {task: certificate(task) for task in SUITES["hide"]}
 
 
 def exact(_: EpisodeSpec) -> None:
@@ -105,7 +105,7 @@ def test_a_row_tells_the_rates_of_tasks_categories_and_all(ledger: Ledger) -> No
     assert (row.overall.success.successes, row.overall.success.episodes) == (WHOLE * 4 // 5, WHOLE)
     assert row.overall.success.low < 0.8 < row.overall.success.high
     assert {task: one.success.value for task, one in row.tasks.items()} == dict.fromkeys(
-        ALL_TASKS, 0.8
+        SUITES["hide"], 0.8
     )
     assert sum(one.success.episodes for one in row.categories.values()) == WHOLE
     assert ledger.row("sloppy").overall.exact.value == 0.0
@@ -130,7 +130,7 @@ def test_the_columns_are_the_tasks_by_category(ledger: Ledger) -> None:
     ]
 
     assert columns == sorted(columns)
-    assert {task for _, task in columns} == set(ALL_TASKS)
+    assert {task for _, task in columns} == set(SUITES["hide"])
 
 
 def test_an_evaluation_of_another_suite_version_is_not_mixed_in(
@@ -164,6 +164,6 @@ def test_the_ceilings_are_the_certificates(verdict: Verdict) -> None:
 
     found = ceilings(verdict)
 
-    assert {task: found[task] for task in ALL_TASKS} == wanted
+    assert {task: found[task] for task in SUITES["hide"]} == wanted
     whole = None not in wanted.values()
     assert found["overall"] == (pytest.approx(fmean(wanted.values())) if whole else None)

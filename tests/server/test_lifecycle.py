@@ -9,7 +9,7 @@ import pytest
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
-from hide_tasks import ALL_TASKS
+from hide_tasks import SUITES
 from server import lifecycle
 from server.blobs import Blobs
 from server.commit import commit
@@ -79,10 +79,10 @@ def test_every_episode_is_planned_once_in_shards_of_at_most_five(
         planned = shards(session, evaluation)
         found = [(one.task, one.index) for shard in planned for one in shard.episodes]
 
-    assert sorted(found) == [(task, n) for task in sorted(ALL_TASKS) for n in range(episodes)]
+    assert sorted(found) == [(task, n) for task in sorted(SUITES["hide"]) for n in range(episodes)]
     assert all(1 <= len(shard.episodes) <= SHARD_SIZE for shard in planned)
     assert all({one.task for one in shard.episodes} == {shard.task} for shard in planned)
-    assert evaluation.sources == current_sources()
+    assert evaluation.sources == {task: current_sources()[task] for task in SUITES["hide"]}
 
 
 def test_a_queued_evaluation_waits_untouched(database: Database) -> None:
@@ -124,10 +124,10 @@ def test_the_oldest_goes_first_among_equals(database: Database) -> None:
 def test_the_tasks_of_an_evaluation_go_side_by_side(database: Database) -> None:
     with database.writing() as session:
         ledgers.created(session, episodes=10)
-        leased = [lease(session) for _ in range(2 * len(ALL_TASKS))]
+        leased = [lease(session) for _ in range(2 * len(SUITES["hide"]))]
         order = [(shard.first_index, shard.task) for _, shard in leased]
 
-    assert order == [(first, task) for first in (0, 5) for task in sorted(ALL_TASKS)]
+    assert order == [(first, task) for first in (0, 5) for task in sorted(SUITES["hide"])]
 
 
 def test_the_first_lease_starts_the_evaluation(database: Database) -> None:

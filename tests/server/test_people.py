@@ -9,7 +9,7 @@ from fastapi import FastAPI
 from sqlalchemy import text
 from sqlalchemy.exc import IntegrityError
 
-from hide_tasks import ALL_TASKS
+from hide_tasks import SUITES
 from server import credentials, lifecycle, users
 from server.access import Role, Scope
 from server.models import Evaluation, Token, User, now
@@ -396,7 +396,7 @@ def test_scored_evaluations_have_a_quota_of_their_own(tmp_path: Path) -> None:
 
     assert statuses == [202, 429, 202, 202, 202]
     assert quotas["scored"] == {"used": 1, "limit": 1}
-    assert len(ALL_TASKS) > 1
+    assert len(SUITES["hide"]) > 1
 
 
 def test_an_administrator_sets_a_users_own_quota(tmp_path: Path) -> None:

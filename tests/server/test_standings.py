@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 from pydantic import ValidationError
 
-from hide_tasks import ALL_TASKS, load
+from hide_tasks import SUITES, load
 from hide_tasks.contract import Category
 from server import leaderboard
 from server.schemas.common import RatePublic, Verdicts
@@ -36,7 +36,7 @@ def row(name: str, rank: int | None, per_task: int, **more: Any) -> LeaderboardR
         policy=name,
         version=1,
         reference=rank is None,
-        tasks={task: of(1) for task in ALL_TASKS},
+        tasks={task: of(1) for task in SUITES["hide"]},
         categories={str(kind): of(5) for kind in Category},
         overall=of(15),
         gap=RatePublic.of(15 if per_task else 0, 375),
@@ -162,7 +162,7 @@ def test_a_category_leaves_its_columns_alone() -> None:
     "wanted",
     [
         {"sort": "beauty"},
-        {"suite": "real4"},
+        {"suite": "rlbench"},
         {"since": "soon"},
         {"order": "up"},
         {"owner": "x" * 81},

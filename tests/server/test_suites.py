@@ -5,7 +5,7 @@ from typing import get_args
 
 import pytest
 
-from hide_tasks import ALL_TASKS, load
+from hide_tasks import SUITES, load
 from hide_tasks.contract import Category
 from server import suites
 from server.db import Database
@@ -26,7 +26,7 @@ def test_a_first_try_plays_one_task_of_each_category() -> None:
     tasks = suites.smoke_tasks()
 
     assert sorted(load(task).category for task in tasks) == sorted(Category)
-    for task in ALL_TASKS:
+    for task in SUITES["hide"]:
         rival = next(one for one in tasks if load(one).category is load(task).category)
         assert load(rival).budget() <= load(task).budget()
 
@@ -44,12 +44,30 @@ def test_an_evaluation_covers_the_suite_that_was_asked_for(
 
 @pytest.mark.parametrize(
     "wanted",
-    [{"episodes": 24}, {"tasks": [*ALL_TASKS][1:]}, {"category": "RC", "episodes": 1},
+    [{"episodes": 24}, {"tasks": [*SUITES["hide"]][1:]}, {"category": "RC", "episodes": 1},
      {"tasks": ["search_drawer"], "episodes": 1}],
 )  # fmt: skip
 def test_what_is_less_covers_a_part(database: Database, wanted: dict) -> None:
     with database.writing() as session:
         assert suites.covers(ledgers.created(session, "noop", **wanted)) == "part"
+
+
+def test_an_evaluation_is_of_one_suite(database: Database) -> None:
+    mixed = ["search_drawer", "real_stack_cups"]
+    with database.writing() as session, pytest.raises(Problem, match="of suites hide and real4"):
+        ledgers.created(session, "noop", tasks=mixed)
+
+
+@pytest.mark.parametrize("name", ["hide-hard", "real4"])
+def test_the_whole_of_another_suite_stands_on_its_board_alone(
+    database: Database, name: str
+) -> None:
+    with database.writing() as session:
+        made = ledgers.created(session, "noop", suite=name)
+
+        assert made.suite == name
+        assert suites.is_whole(made)
+        assert suites.is_suite(made.tasks)
 
 
 def test_a_first_try_does_not_look_at_held_out_episodes() -> None:

@@ -9,7 +9,7 @@ from urllib.parse import quote
 import pytest
 from fastapi import FastAPI
 
-from hide_tasks import ALL_TASKS
+from hide_tasks import SUITES
 from hide_tasks.contract import EpisodeSpec, Failure
 from tests.server import ledgers
 from tests.web import sites
@@ -111,7 +111,7 @@ def test_the_grid_has_every_episode_and_a_link_to_two_runs_side_by_side(
     text = page(client, "policy=ada&policy=bob&policy=cid")
 
     links = re.findall(r'href="/episodes/(ep_\w+)\?beside=(ep_\w+)"', text)
-    assert len(links) == 25 * len(ALL_TASKS)
+    assert len(links) == 25 * len(SUITES["hide"])
     one, other = (client.get(f"/api/v1/episodes/{id}").json() for id in links[1])
     assert (one["task"], one["index"]) == (other["task"], other["index"])
     assert not one["success"] and other["success"]  # ada managed 1, bob and cid did not
@@ -121,8 +121,8 @@ def test_episodes_that_all_or_none_managed_can_be_hidden(client: TestClient) -> 
     text = page(client, "policy=ada&policy=bob&policy=cid&which=differ")
 
     grid = text.partition('<table class="grid">')[2].partition("</table>")[0]
-    assert grid.count("beside=") == 6 * len(ALL_TASKS)
-    assert grid.count("<circle") == 19 * len(ALL_TASKS)
+    assert grid.count("beside=") == 6 * len(SUITES["hide"])
+    assert grid.count("<circle") == 19 * len(SUITES["hide"])
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from fastapi.testclient import TestClient
 
-from hide_tasks import ALL_TASKS, load
+from hide_tasks import SUITES, load
 from hide_tasks.certificates import committed
 from hide_tasks.contract import Failure
 from seek_model import trained
@@ -45,7 +45,7 @@ def links(text: str) -> list[str]:
 
 def every_page(site: Site) -> list[str]:
     """A path of every page in every state."""
-    paths = WHOLE + [f"/tasks/{name}" for name in ALL_TASKS]
+    paths = WHOLE + [f"/tasks/{name}" for name in SUITES["hide"]]
     for state in STATES:
         evaluation = getattr(site, state)
         paths += [f"/evaluations/{evaluation}", f"/evaluations/{evaluation}/failures"]
@@ -100,7 +100,7 @@ def test_the_leaderboard_ranks_policies_and_shows_references_apart(client: TestC
     places = [text.index(part) for part in (">mine<", "Reference policies", ">expert<")]
     assert places == sorted(places)
     assert "best without memory" in text
-    assert all(f'href="/tasks/{name}"' in text for name in ALL_TASKS)
+    assert all(f'href="/tasks/{name}"' in text for name in SUITES["hide"])
 
 
 def test_a_cell_of_the_leaderboard_leads_to_its_episodes(client: TestClient, site: Site) -> None:
@@ -175,7 +175,7 @@ def test_the_form_offers_every_policy_and_task(client: TestClient) -> None:
     text = page(client, "/evaluations/new?policy=mine")
 
     assert '<option value="mine@1" selected>' in text
-    assert all(f'name="tasks" value="{name}"' in text for name in ALL_TASKS)
+    assert all(f'name="tasks" value="{name}"' in text for name in SUITES["hide"])
 
 
 def test_of_a_name_the_newest_version_is_chosen(client: TestClient, site: Site) -> None:
@@ -283,7 +283,7 @@ def test_a_comparison_shows_the_figures_of_the_api(client: TestClient) -> None:
         failed, managed = (one["b"], one["a"]) if one["better"] == "a" else (one["a"], one["b"])
         assert f'href="/episodes/{failed}?beside={managed}"' in text
     differences = text.partition('class="list differences"')[2].partition("</table>")[0]
-    assert differences.count('<tr><th scope="row"><abbr class="category') == len(ALL_TASKS)
+    assert differences.count('<tr><th scope="row"><abbr class="category') == len(SUITES["hide"])
 
 
 @pytest.mark.parametrize(
@@ -431,7 +431,7 @@ def test_a_tasks_page_says_what_can_go_wrong_and_how(client: TestClient) -> None
 
 
 def test_a_task_shows_both_moments_of_every_alias_pair(client: TestClient) -> None:
-    for name in ALL_TASKS:
+    for name in SUITES["hide"]:
         text = page(client, f"/tasks/{name}")
         pictures = re.findall(rf'src="(/static/tasks/{name}-alias-\d+-[ab]\.webp)"', text)
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from hide_tasks import ALL_TASKS
+from hide_tasks import SUITES
 from server import batches
 from server.problems import Problem
 from tests.server.clients import API, SMALL, TestClient, client, hub_of, problem_of
@@ -162,7 +162,7 @@ def test_a_batch_that_broke_off_goes_on_where_it_was(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "tasks", "episodes"), [("smoke", 3, 1), ("full", len(ALL_TASKS), 25)]
+    ("name", "tasks", "episodes"), [("smoke", 3, 1), ("full", len(SUITES["hide"]), 25)]
 )
 def test_an_evaluation_of_a_suite(here: TestClient, name: str, tasks: int, episodes: int) -> None:
     made = here.post(f"{API}/evaluations", json={"policy": "noop", "suite": name}).json()

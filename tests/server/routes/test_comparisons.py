@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from hide_tasks import ALL_TASKS
+from hide_tasks import SUITES
 from hide_tasks.contract import EpisodeSpec, Failure
 from tests.server import ledgers
 from tests.server.clients import API, TestClient, client, create, hub_of, problem_of
@@ -70,7 +70,7 @@ def test_rank_sets_and_rates_are_given_together_and_by_category(site: Site) -> N
 
     assert found["overall"]["ranks"] == [[4, 4], [2, 2], [3, 3], [1, 1]]
     assert [one["successes"] for one in found["overall"]["rates"]] == [
-        len(ALL_TASKS) * n for n in (5, 23, 20, 25)
+        len(SUITES["hide"]) * n for n in (5, 23, 20, 25)
     ]
     for group in found["categories"].values():
         assert (group["tasks"], group["episodes"], len(group["pairs"])) == (5, 125, 6)
@@ -87,7 +87,7 @@ def test_every_episode_says_who_managed_it_and_leads_to_each_run(site: Site) -> 
     for id, policy in zip(three[1]["episodes"], ("good", "poor"), strict=True):
         run = here.get(f"{API}/episodes/{id}").json()
         assert (run["policy"], run["task"], run["index"]) == (policy, three[1]["task"], 10)
-    assert len(found["episodes"]) == 25 * len(ALL_TASKS)
+    assert len(found["episodes"]) == 25 * len(SUITES["hide"])
 
 
 def test_success_that_is_not_exact_is_the_gap(site: Site) -> None:
@@ -95,9 +95,9 @@ def test_success_that_is_not_exact_is_the_gap(site: Site) -> None:
 
     figures = compared(here, "good", "sloppy")["figures"]
 
-    assert [one["gap"]["successes"] for one in figures] == [0, 12 * len(ALL_TASKS)]
+    assert [one["gap"]["successes"] for one in figures] == [0, 12 * len(SUITES["hide"])]
     assert [one["success"]["value"] for one in figures] == [pytest.approx(0.92), 1.0]
-    both = 23 * len(ALL_TASKS)
+    both = 23 * len(SUITES["hide"])
     assert {one["decisions"]["episodes"] for one in figures} == {both}
     assert {one["decisions"]["value"] for one in figures} == {3.0}
 
@@ -145,7 +145,7 @@ def test_a_comparison_is_a_file_with_a_line_per_episode(site: Site) -> None:
 
     lines = list(csv.DictReader(io.StringIO(here.get(f"{SEVERAL}/export", params=params).text)))
 
-    assert len(lines) == 25 * len(ALL_TASKS)
+    assert len(lines) == 25 * len(SUITES["hide"])
     assert {line["index"]: line["success poor@1"] for line in lines}["19"] == "false"
     params = {"policy": ["good", ids["part"]], "format": "csv"}
     twice = here.get(f"{SEVERAL}/export", params=params).text.splitlines()

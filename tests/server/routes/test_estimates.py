@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from hide_tasks import ALL_TASKS
+from hide_tasks import SUITES
 from tests.server import ledgers
 from tests.server.clients import API, SMALL, TestClient, create, hub_of, problem_of
 from tests.server.people import peopled, token_of, visitor
@@ -41,7 +41,7 @@ def test_a_whole_suite_is_375_episodes_and_ranked(playing: TestClient) -> None:
     found = estimate(playing)
 
     assert (found["episodes"], found["shards"]) == (375, 75)
-    assert set(found["tasks"]) == set(ALL_TASKS)
+    assert set(found["tasks"]) == set(SUITES["hide"])
     assert (found["covers"], found["ranked"]) == ("full", True)
     assert not estimate(playing, split="test", episodes=24)["ranked"]
     assert not estimate(playing, rules="parity")["ranked"]

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from hide_tasks import ALL_TASKS
+from hide_tasks import SUITES
 from server.lifecycle import FAULTS
 from tests.server.clients import (
     API,
@@ -34,8 +34,8 @@ def test_a_new_evaluation_is_where_its_location_says(here: TestClient) -> None:
 def test_by_default_all_of_the_suite_is_played(here: TestClient) -> None:
     created = here.post(f"{API}/evaluations", json={"policy": "noop"}).json()
 
-    assert sorted(created["tasks"]) == sorted(ALL_TASKS)
-    assert created["progress"]["expected"] == 25 * len(ALL_TASKS)
+    assert sorted(created["tasks"]) == sorted(SUITES["hide"])
+    assert created["progress"]["expected"] == 25 * len(SUITES["hide"])
 
 
 def test_an_idempotency_key_makes_one_evaluation(here: TestClient) -> None:

@@ -10,7 +10,7 @@ from itertools import accumulate
 
 import pytest
 
-from hide_tasks import ALL_TASKS, load
+from hide_tasks import SUITES, load
 from hide_tasks.contract import Category, EpisodeSpec, Failure
 from server import board_exports, latex, leaderboard
 from server.exports import TableFormat, line_of
@@ -118,7 +118,7 @@ def test_the_latex_row_has_the_papers_columns(here: TestClient, evaluation: str)
 def test_the_papers_columns_are_the_suites_tasks() -> None:
     named = [task for tasks in latex.COLUMNS.values() for task in tasks]
 
-    assert sorted(named) == sorted(ALL_TASKS)
+    assert sorted(named) == sorted(SUITES["hide"])
     for category, tasks in latex.COLUMNS.items():
         assert {str(load(task).category) for task in tasks} == {category}
 
@@ -148,7 +148,7 @@ def row_of(name: str, rank: int | None, successes: int) -> LeaderboardRow:
         version=1,
         reference=rank is None,
         ended=now(),
-        tasks={task: Verdicts(success=rate, exact=rate) for task in ALL_TASKS},
+        tasks={task: Verdicts(success=rate, exact=rate) for task in SUITES["hide"]},
         categories={},
         overall=Verdicts(success=whole, exact=whole),
     )

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from sqlalchemy import select
 
-from hide_tasks import ALL_TASKS
+from hide_tasks import SUITES
 from hide_tasks.contract import EpisodeSpec, Failure
 from server import lifecycle
 from server.models import Evaluation, Shard
@@ -153,7 +153,7 @@ def test_two_policies_are_compared_on_the_same_episodes(
 
     found = compared(here, "good", "fair")
 
-    overall, tasks = found["overall"], len(ALL_TASKS)
+    overall, tasks = found["overall"], len(SUITES["hide"])
     assert found["a"] == {"evaluation": ids["good"], "policy": "good", "version": 1}
     assert overall["table"] == {
         "both": 20 * tasks, "only_a": 3 * tasks, "only_b": 0, "neither": 2 * tasks,

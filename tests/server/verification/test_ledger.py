@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from hide_tasks import ALL_TASKS
+from hide_tasks import SUITES
 from hide_tasks.contract import EpisodeSpec, Failure
 from server import snapshots
 from server.blobs import Blobs
@@ -232,8 +232,8 @@ def test_the_leaderboards_figures_are_recomputed(tmp_path: Path) -> None:
 
     told = {(one.name, one.what): (one.stored, one.found) for one in verified(tmp_path).mismatches}
 
-    episodes = 25 * len(ALL_TASKS)
-    right, forged = episodes - len(ALL_TASKS), episodes - len(ALL_TASKS) + 1
+    episodes = 25 * len(SUITES["hide"])
+    right, forged = episodes - len(SUITES["hide"]), episodes - len(SUITES["hide"]) + 1
     overall = (f"{forged} of {episodes}", f"{right} of {episodes}")
     assert told["leaderboard, mine@1, overall", "success"] == overall
     assert told["leaderboard, mine@1, search_drawer", "success"] == ("25 of 25", "24 of 25")
