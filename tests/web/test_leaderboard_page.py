@@ -14,7 +14,6 @@ from hide_tasks import SUITES
 from server import leaderboard
 from server.published import METHODS
 from server.schemas.leaderboard import Leaderboard
-from server.suites import BOARDS
 from tests.server.clients import API
 from tests.web.sites import Site
 from tests.web.test_pages import links, page
@@ -70,7 +69,7 @@ def test_every_state_is_whole_and_all_its_addresses_lead_to_it(
         ("since=soon", "date"),
         ("policy=nobody@1&view=bars", "does not stand on this leaderboard"),
         ("&".join(f"policy=p{n}@1" for n in range(9)), "at most 8"),
-        ("suite=real4", "there are leaderboards of hide"),
+        ("suite=rlbench", "there are leaderboards of hide, hide-hard, real4"),
         ("category=XX", "RC"),
     ],
 )
@@ -199,13 +198,7 @@ def test_a_snapshot_is_one_click_away_and_shows_the_same(client: TestClient) -> 
     assert rows_of(page(client, there.partition("?")[0])) == rows_of(page(client, "/"))
 
 
-def test_one_suite_has_no_tabs_and_two_have(
-    client: TestClient, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    assert 'aria-label="Suite"' not in page(client, "/")
-
-    monkeypatch.setitem(BOARDS, "hide-hard", ("search_drawer", "stack_blocks"))
-
+def test_every_suite_has_a_tab_and_a_board_of_its_own(client: TestClient) -> None:
     text = page(client, "/?suite=hide-hard&verdict=exact")
     assert 'href="/?suite=hide-hard&amp;verdict=exact" aria-current="page">hide-hard' in text
     assert '<a href="/?verdict=exact">hide</a>' in text
