@@ -53,7 +53,13 @@ def options() -> argparse.Namespace:
     add("--first", type=Path, metavar="FILE", help="weights in place of the run `first`")
     add("--demos", type=Path, metavar="DIR", help="demonstrations that are elsewhere")
     add("--workers", type=int, metavar="N", help="of the server; default: one per processor")
-    add("--at-once", type=int, default=2, metavar="N", help="second phases at a time; default: 2")
+    add(
+        "--at-once",
+        type=int,
+        default=2,
+        metavar="N",
+        help="second phases at a time, 7 GB each; default: 2",
+    )
     add("--train-only", action="store_true", help="stop before the evaluations")
     add("--recordings", action="store_true", help="keep a recording of every episode")
     add("--publish", action="store_true", help="write docs/study, docs/results.md and README.md")

@@ -47,7 +47,10 @@ def total(
 
 
 def _begins(predictions: Predictions, targets: Targets) -> Float[Tensor, " f"]:
-    """1 where a stage begins: what comes next is told by memory, within a stage by the picture."""
+    """1 where a stage begins: what comes next is told by memory, within a stage by the picture.
+
+    The first frame of a sequence counts as one: of an episode, if its archive is a whole prefix.
+    """
     rows = predictions.rows
     before = targets.boundary[rows.sequence, (rows.step - 1).clamp(min=0)]
     return torch.where(rows.step == 0, torch.ones_like(before), before)
