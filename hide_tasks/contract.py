@@ -329,7 +329,7 @@ class Timing(_Frozen):
     rendering: float = 0.0
     planning: float = 0.0
     policy: float = 0.0
-    recording: float = 0.0
+    recording: float = 0.0  # that the witnesses took, up to the verdict
     total: float = 0.0
     steps: int = 0  # physics steps
     renders: int = 0  # observations

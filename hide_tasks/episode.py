@@ -3,15 +3,12 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from time import perf_counter
-from typing import Protocol, TypeVar
+from typing import TypeVar
 
-import numpy as np
-from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from hide_tasks import load, suite
 from hide_tasks.bullet.fingerprint import final_state_hash
-from hide_tasks.bullet.scene import Part
 from hide_tasks.bullet.world import World
 from hide_tasks.contract import (
     Action,
@@ -31,29 +28,12 @@ from hide_tasks.contract import (
     Timing,
     parse_action,
 )
+from hide_tasks.witness import Audience, Witness
 
 FURTHER = 3  # decisions after success through which it must hold to be exact
 PARITY_BUDGET = 25  # decisions, as PerAct's evaluations have
 
 Answer = TypeVar("Answer")
-
-
-class Witness(Protocol):
-    """Whoever records an episode."""
-
-    def begin(
-        self, spec: EpisodeSpec, instruction: str, parts: Sequence[Part], start: Start
-    ) -> None:
-        """The episode starts; `parts` is what will be drawn."""
-
-    def frame(self, time: float, poses: NDArray[np.float64]) -> None:
-        """20 times a simulated second: the world transforms (n, 4, 4) of the parts."""
-
-    def decided(self, observation: Observation, record: DecisionRecord) -> None:
-        """The observation before an action and the record after it."""
-
-    def end(self, result: EpisodeResult, observation: Observation) -> None:
-        """The verdict and the last picture."""
 
 
 @dataclass
@@ -232,24 +212,28 @@ def play(
     `budget` replaces the task's; results that count never do that.
     """
     began = perf_counter()
-    with World(suite.build(spec), witnesses) as world:
-        episode = Episode(spec, world, rules, budget or budget_of(spec, rules), witnesses)
+    audience = Audience(witnesses)
+    heard = [audience] if witnesses else []
+    with World(suite.build(spec), heard) as world:
+        episode = Episode(spec, world, rules, budget or budget_of(spec, rules), heard)
         episode.begin()
         if hasattr(policy, "bind"):
             policy.bind(world, spec)
         player = Player(policy)
         fault, detail = player.play(episode)
-        timing = _timing(world, player.seconds, perf_counter() - began)
+        total = perf_counter() - began
+        timing = _timing(world, player.seconds, audience.seconds, total)
         result = episode.result(fault, detail, timing)
         episode.end(result)
     return result, episode.records
 
 
-def _timing(world: World, policy: float, total: float) -> Timing:
+def _timing(world: World, policy: float, recording: float, total: float) -> Timing:
     return Timing(
         **world.seconds,
         planning=world.executor.planning_seconds,
         policy=policy,
+        recording=recording,
         total=total,
         steps=world.steps,
         renders=world.renders,

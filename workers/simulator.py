@@ -15,7 +15,7 @@ from workers.protocol import DEATHS
 from workers.remote.target import RemoteProcess, Unreachable
 
 if TYPE_CHECKING:
-    from hide_tasks.episode import Witness
+    from hide_tasks.witness import Witness
     from workers.hidden_trace import HiddenTrace
     from workers.recording import Recorder
 

@@ -120,3 +120,4 @@ def test_a_recording_has_its_name_in_the_result(tmp_path: Path) -> None:
     assert recorded.recording == f"recordings/{TASK}-test-000.rrd"
     assert (tmp_path / recorded.recording).stat().st_size > 10_000
     assert bare.recording is None
+    assert 0.0 == bare.timing.recording < recorded.timing.recording < recorded.timing.total
