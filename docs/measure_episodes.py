@@ -12,8 +12,8 @@ from time import perf_counter
 import numpy as np
 
 from hide_tasks import ALL_TASKS, suite
-from hide_tasks.bullet import kinematics
 from hide_tasks.bullet.cameras import camera, wrist_camera
+from hide_tasks.bullet.frames import HAND, link_frames
 from hide_tasks.bullet.world import World
 from hide_tasks.contract import EpisodeSpec, Timing
 from hide_tasks.episode import play
@@ -28,7 +28,7 @@ def bare(spec: EpisodeSpec, timing: Timing) -> Row:
     The steps are those of the expert's first motions, again and again, without readings.
     """
     with World(suite.build(spec)) as world:
-        hand = kinematics.link_frames(world.robot.joints)[kinematics.HAND]
+        hand = link_frames(world.robot.joints)[HAND]
         cameras = [
             wrist_camera(hand) if name == "wrist" else camera(name) for name in world.task.cameras
         ]

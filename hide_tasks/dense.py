@@ -16,7 +16,9 @@ from numpy.typing import NDArray
 from hide_tasks import suite
 from hide_tasks.bullet import kinematics, obstacles, planner
 from hide_tasks.bullet.executor import SUBSTEPS
+from hide_tasks.bullet.frames import tip_pose
 from hide_tasks.bullet.robot import SETTLED, timed
+from hide_tasks.bullet.transforms import matrix_to_pose
 from hide_tasks.bullet.world import World
 from hide_tasks.contract import (
     Action,
@@ -147,7 +149,7 @@ def _single(values: Array) -> Array:
 
 def _delta(present: Array, goal: Array) -> Array:
     """The step (6,) of the tip from one posture to another."""
-    here, there = (kinematics.matrix_to_pose(kinematics.tip_pose(q)) for q in (present, goal))
+    here, there = (matrix_to_pose(tip_pose(q)) for q in (present, goal))
     turn = multiply(there[3:], here[3:] * np.array([-1.0, -1.0, -1.0, 1.0]))
     return np.concatenate([there[:3] - here[:3], _rotation_vector(turn)])
 
@@ -162,7 +164,7 @@ def _rotation_vector(turn: Array) -> Array:
 
 def _stepped(present: Array, delta: Array, otherwise: Array) -> Array:
     """The joints that a step of the tip leads to."""
-    tip = kinematics.matrix_to_pose(kinematics.tip_pose(present))
+    tip = matrix_to_pose(tip_pose(present))
     turned = multiply(from_rotation_vector(delta[3:]), tip[3:])
     found = kinematics.track(np.concatenate([tip[:3] + delta[:3], turned]), present)
     return otherwise if found is None else found

@@ -18,8 +18,8 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from hide_tasks import SUITES, load, suite
-from hide_tasks.bullet import kinematics
 from hide_tasks.bullet.cameras import camera
+from hide_tasks.bullet.joint_space import LOWER, UPPER
 from hide_tasks.bullet.world import World
 from hide_tasks.contract import (
     IMAGE_SIZE,
@@ -205,7 +205,7 @@ def action_space(mode: ActionMode) -> spaces.Space[NDArray[np.float64]]:
     low, high = np.array(BOUNDS).T
     limits = {
         "keyframe": ([*low, -1, -1, -1, -1, 0], [*high, 1, 1, 1, 1, 1]),
-        "joint_position": (list(kinematics.LOWER), list(kinematics.UPPER)),
+        "joint_position": (list(LOWER), list(UPPER)),
         "ee_delta": ([-MOVE] * 3 + [-TURN] * 3, [MOVE] * 3 + [TURN] * 3),
     }[mode]
     least, most = (np.array(values, np.float64) for values in limits)

@@ -17,7 +17,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hide_tasks.bullet.kinematics import FRAMES, HAND, TIP, Array, as_array, compiled, fill_frames
+from hide_tasks.bullet.frames import FRAMES, HAND, TIP, fill_frames
+from hide_tasks.bullet.kernels import Array, as_array, compiled
 
 MARGIN = 0.004  # m that a path keeps from everything
 SLACK = 0.002  # m that a pair which touches at the start may come closer still

@@ -12,8 +12,10 @@ import numpy as np
 
 from hide_tasks.assets.asset import Asset
 from hide_tasks.bullet import kinematics, obstacles, planner
+from hide_tasks.bullet.frames import tip_pose
 from hide_tasks.bullet.robot import Robot
 from hide_tasks.bullet.scene import HZ
+from hide_tasks.bullet.transforms import matrix_to_pose
 from hide_tasks.contract import (
     CONTROL_HZ,
     Action,
@@ -97,7 +99,7 @@ class Executor:
         if kind == "joint_position":
             return row[:7]
         present = self.robot.joints
-        tip = kinematics.matrix_to_pose(kinematics.tip_pose(present))
+        tip = matrix_to_pose(tip_pose(present))
         turned = multiply(from_rotation_vector(row[3:6]), tip[3:])
         return kinematics.track(np.concatenate([tip[:3] + row[:3], turned]), present)
 

@@ -16,7 +16,7 @@ from scipy.spatial import ConvexHull
 
 Array = NDArray[np.float64]
 
-# Mesh, index of its frame in `kinematics.link_frames` (9 and 10: left and right finger), and how
+# Mesh, index of its frame in `frames.link_frames` (9 and 10: left and right finger), and how
 # far its spheres may stand out (mm) towards -x, +x, -y, +y, -z, +z of that frame. Where the next
 # link hides a side it may be much; the palm and the fingers work among things.
 PARTS = [

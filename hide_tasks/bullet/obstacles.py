@@ -3,8 +3,8 @@
 import numpy as np
 
 from hide_tasks.assets.asset import Shape
-from hide_tasks.bullet import kinematics
 from hide_tasks.bullet.collision import Obstacles
+from hide_tasks.bullet.frames import tip_pose
 from hide_tasks.bullet.robot import Robot
 from hide_tasks.bullet.scene import TABLE, TABLE_CENTER, BulletBody
 from hide_tasks.layout import TABLE_TOP
@@ -58,7 +58,7 @@ def _spheres(robot: Robot, boxes: list[tuple[Array, Array]]) -> Array:
     """One sphere per cell of a 3 x 3 x 3 grid in every carried box."""
     if not boxes:
         return np.empty((0, 4))
-    to_tip = np.linalg.inv(kinematics.tip_pose(robot.joints))
+    to_tip = np.linalg.inv(tip_pose(robot.joints))
     found = []
     for transform, half in boxes:
         cells = np.stack(np.meshgrid(*[[-2 / 3, 0, 2 / 3]] * 3), axis=-1).reshape(-1, 3) * half

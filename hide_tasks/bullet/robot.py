@@ -19,7 +19,7 @@ import pybullet as bullet
 import pybullet_data
 
 from hide_tasks.assets.asset import Asset
-from hide_tasks.bullet import kinematics, meshes
+from hide_tasks.bullet import frames, joint_space, kinematics, meshes, transforms
 from hide_tasks.bullet.scene import HZ, BulletBody, Part, Scene
 from hide_tasks.layout import TABLE_TOP
 from hide_tasks.poses import Array, matrix
@@ -61,7 +61,7 @@ class Robot:
 
     def __init__(self, scene: Scene, step: Callable[[], None]):
         self.scene, self.client, self.step = scene, scene.client, step
-        self.id: int = self.client.loadURDF(_urdf(), kinematics.BASE.tolist(), useFixedBase=True)
+        self.id: int = self.client.loadURDF(_urdf(), frames.BASE.tolist(), useFixedBase=True)
         self._constraint: int | None = None
         self._grasped: tuple[BulletBody, int] | None = None
         self._mimic()
@@ -81,7 +81,7 @@ class Robot:
     @property
     def tip_pose(self) -> Array:
         """(7,) of the tip in the world."""
-        return kinematics.matrix_to_pose(kinematics.tip_pose(self.joints))
+        return transforms.matrix_to_pose(frames.tip_pose(self.joints))
 
     @property
     def tip_height(self) -> float:
@@ -123,7 +123,7 @@ class Robot:
 
     def servo(self, target: Array, steps: int) -> None:
         """Send the joints evenly to a target, then let the arm catch up; so many physics steps."""
-        start, goal = self.target, np.clip(target, kinematics.LOWER, kinematics.UPPER)
+        start, goal = self.target, np.clip(target, joint_space.LOWER, joint_space.UPPER)
         for step in range(1, steps + 1):
             self._aim(start + (goal - start) * min(step / (RAMP * steps), 1.0))
             self.step()
@@ -299,7 +299,7 @@ class Robot:
 
 
 _BASE = np.eye(4)
-_BASE[:3, 3] = kinematics.BASE
+_BASE[:3, 3] = frames.BASE
 
 
 @lru_cache(maxsize=1)
@@ -315,7 +315,7 @@ def _link_index(name: str) -> int:
 
 def timed(path: Array) -> Iterator[Array]:
     """The joint targets of every physics step along a path, on a minimum-jerk profile."""
-    tips = np.array([kinematics.tip_pose(joints)[:3, 3] for joints in path])
+    tips = np.array([frames.tip_pose(joints)[:3, 3] for joints in path])
     turned = np.abs(np.diff(path, axis=0)).max(axis=1, initial=0.0)
     moved = np.linalg.norm(np.diff(tips, axis=0), axis=1)
     seconds = np.maximum(turned / JOINT_SPEED, moved / TIP_SPEED)

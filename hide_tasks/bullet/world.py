@@ -8,12 +8,13 @@ from typing import Protocol, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from hide_tasks.bullet import kinematics
 from hide_tasks.bullet.cameras import camera, wrist_camera
 from hide_tasks.bullet.executor import Executor, Motion
+from hide_tasks.bullet.frames import HAND, link_frames, tip_pose
 from hide_tasks.bullet.raster import Renderer
 from hide_tasks.bullet.robot import Robot
 from hide_tasks.bullet.scene import HZ, Part, Scene
+from hide_tasks.bullet.transforms import matrix_to_pose
 from hide_tasks.contract import (
     Action,
     CameraView,
@@ -102,7 +103,7 @@ class World:
         """What a policy sees now."""
         start = perf_counter()
         joints = self.robot.joints
-        hand = kinematics.link_frames(joints)[kinematics.HAND]
+        hand = link_frames(joints)[HAND]
         names = self.task.cameras
         cameras = [wrist_camera(hand) if name == "wrist" else camera(name) for name in names]
         images = self.renderer.render(cameras, self.poses())
@@ -117,7 +118,7 @@ class World:
         self.renders += 1
         return Observation(
             views=views,
-            gripper_pose=kinematics.matrix_to_pose(kinematics.tip_pose(joints)),
+            gripper_pose=matrix_to_pose(tip_pose(joints)),
             gripper_opening=self.robot.opening,
             joint_positions=joints,
             instruction=self.task.instruction,

@@ -9,9 +9,10 @@ import pybullet_data
 import pytest
 from numpy.typing import NDArray
 
-from hide_tasks.bullet import collision, kinematics, make_panda_spheres
+from hide_tasks.bullet import collision, frames, kinematics, make_panda_spheres, transforms
 from hide_tasks.bullet.collision import NOTHING, Obstacles
-from hide_tasks.bullet.kinematics import HOME, LOWER, UPPER
+from hide_tasks.bullet.joint_space import LOWER, UPPER
+from hide_tasks.bullet.kinematics import HOME
 
 Array = NDArray[np.float64]
 PANDA = f"{pybullet_data.getDataPath()}/franka_panda/panda.urdf"
@@ -27,7 +28,7 @@ class Judge:
     def __init__(self, boxes: Obstacles):
         self.client = pybullet.connect(pybullet.DIRECT)
         self.robot = pybullet.loadURDF(
-            PANDA, kinematics.BASE.tolist(), useFixedBase=True, physicsClientId=self.client
+            PANDA, frames.BASE.tolist(), useFixedBase=True, physicsClientId=self.client
         )
         self.boxes = [self._box(*box) for box in zip(*boxes, strict=True)]
 
@@ -40,7 +41,7 @@ class Judge:
         return pybullet.createMultiBody(
             baseCollisionShapeIndex=shape,
             basePosition=centre.tolist(),
-            baseOrientation=kinematics.matrix_to_pose(transform)[3:].tolist(),
+            baseOrientation=transforms.matrix_to_pose(transform)[3:].tolist(),
             physicsClientId=self.client,
         )
 
@@ -68,7 +69,7 @@ class Judge:
 
 def turned(rng: np.random.Generator) -> Array:
     """A random rotation (3, 3)."""
-    return kinematics.pose_to_matrix([0, 0, 0, *rng.normal(size=4)])[:3, :3]
+    return transforms.pose_to_matrix([0, 0, 0, *rng.normal(size=4)])[:3, :3]
 
 
 def clutter(seed: int, count: int = 12) -> Obstacles:

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from hide_tasks import suite
-from hide_tasks.bullet import kinematics
 from hide_tasks.bullet.executor import JOINT_STEP
+from hide_tasks.bullet.frames import tip_pose
 from hide_tasks.contract import Failure, Stop
 from hide_tasks.dense import CHUNK, DenseError, DenseExpert, Motion, motion
 from hide_tasks.episode import play
@@ -47,7 +47,7 @@ def test_the_steps_of_the_tip_lead_where_the_joints_lead(twice):
     motion(SPEC, lambda world, _: present.append(world.robot.joints))
 
     for joints, goal, delta in zip(present, twice.joints, twice.deltas, strict=True):
-        here, there = (kinematics.tip_pose(q)[:3, 3] for q in (joints, goal.astype(float)))
+        here, there = (tip_pose(q)[:3, 3] for q in (joints, goal.astype(float)))
         np.testing.assert_allclose(there - here, delta[:3], atol=1e-6)
 
 

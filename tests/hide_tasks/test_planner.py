@@ -12,9 +12,10 @@ import pybullet_data
 import pytest
 from numpy.typing import NDArray
 
-from hide_tasks.bullet import collision, kinematics, planner
+from hide_tasks.bullet import collision, frames, kinematics, planner, transforms
 from hide_tasks.bullet.collision import NOTHING, Obstacles
-from hide_tasks.bullet.kinematics import HOME, LOWER, UPPER
+from hide_tasks.bullet.joint_space import LOWER, UPPER
+from hide_tasks.bullet.kinematics import HOME
 from hide_tasks.bullet.planner import PathKind, Plan, PlanFailure
 
 Array = NDArray[np.float64]
@@ -84,7 +85,7 @@ def deepest(path: Array, world: Obstacles) -> float:
     """The least distance from a box that PyBullet measures along a path, m, at most 0."""
     client = pybullet.connect(pybullet.DIRECT)
     robot = pybullet.loadURDF(
-        PANDA, kinematics.BASE.tolist(), useFixedBase=True, physicsClientId=client
+        PANDA, frames.BASE.tolist(), useFixedBase=True, physicsClientId=client
     )
     bodies, least = [_body(client, *box) for box in zip(*world, strict=True)], 0.0
     for joints in path:
@@ -133,7 +134,7 @@ def test_paths_are_dense_and_join_start_and_goal() -> None:
         if isinstance(found, PlanFailure):
             continue
 
-        tips = np.array([kinematics.tip_pose(q)[:3, 3] for q in found.joints])
+        tips = np.array([frames.tip_pose(q)[:3, 3] for q in found.joints])
         assert (found.joints[0] == joints).all()
         assert np.allclose(tips[-1], pose[:3], atol=1e-6)
         assert np.abs(np.diff(found.joints, axis=0)).max() <= 0.0301
@@ -162,7 +163,7 @@ def test_a_free_way_is_straight() -> None:
 
     path, kind = planned(solved(start), goal, boxes())
 
-    tips = np.array([kinematics.tip_pose(q)[:3, 3] for q in path])
+    tips = np.array([frames.tip_pose(q)[:3, 3] for q in path])
     along = goal[:3] - start[:3]
     off = np.cross(tips - start[:3], along / np.linalg.norm(along))
     assert kind is PathKind.STRAIGHT
@@ -171,12 +172,12 @@ def test_a_free_way_is_straight() -> None:
 
 def test_a_straight_way_leads_out_of_another_posture() -> None:
     pose, up = down(0.3, 0.1, 0.9), down(0.3, 0.1, 1.0)
-    swung = solved(pose) + 0.3 * np.linalg.svd(kinematics.jacobian(solved(pose)))[2][-1]
-    start = kinematics.tip_pose(swung)[:3, 3]
+    swung = solved(pose) + 0.3 * np.linalg.svd(frames.jacobian(solved(pose)))[2][-1]
+    start = frames.tip_pose(swung)[:3, 3]
 
     path, kind = planned(swung, up, boxes())
 
-    tips = np.array([kinematics.tip_pose(q)[:3, 3] for q in path])
+    tips = np.array([frames.tip_pose(q)[:3, 3] for q in path])
     along = (up[:3] - start) / np.linalg.norm(up[:3] - start)
     assert kind is PathKind.STRAIGHT
     assert np.abs(np.cross(tips - start, along)).max() < 1e-3
@@ -185,12 +186,12 @@ def test_a_straight_way_leads_out_of_another_posture() -> None:
 
 def test_another_posture_of_the_same_pose_swings_back() -> None:
     pose = down(0.3, 0.1, 0.9)
-    swung = solved(pose) + 0.3 * np.linalg.svd(kinematics.jacobian(solved(pose)))[2][-1]
-    same = kinematics.matrix_to_pose(kinematics.tip_pose(swung))
+    swung = solved(pose) + 0.3 * np.linalg.svd(frames.jacobian(solved(pose)))[2][-1]
+    same = transforms.matrix_to_pose(frames.tip_pose(swung))
 
     path, kind = planned(swung, same, boxes())
 
-    tips = np.array([kinematics.tip_pose(q)[:3, 3] for q in path])
+    tips = np.array([frames.tip_pose(q)[:3, 3] for q in path])
     assert kind is PathKind.STRAIGHT
     assert np.abs(tips - same[:3]).max() < 1e-3
 
