@@ -24,10 +24,10 @@ POLICIES = ("expert", "random")  # one that succeeds, one that does not
 
 
 @cache
-def _played(policy: str, index: int) -> tuple[EpisodeCommit, Path]:
+def _played(policy: str, index: int, task: str = TASK) -> tuple[EpisodeCommit, Path]:
     """What a worker sends of an episode, and its recording."""
     folder = Path(mkdtemp(prefix="hide-played-"))
-    spec = suite.episode(TASK, "test", index)
+    spec = suite.episode(task, "test", index)
     job = EpisodeJob(spec, BuiltIn(policy), f"{policy}@1", recordings=folder)
     trace = HiddenTrace()
     played = play_once(job, trace)
@@ -44,10 +44,12 @@ def _played(policy: str, index: int) -> tuple[EpisodeCommit, Path]:
     return told, folder / recording_name(spec)
 
 
-def evaluated(database: Database, store: Blobs, policy: str, episodes: int = 1) -> str:
+def evaluated(
+    database: Database, store: Blobs, policy: str, episodes: int = 1, task: str = TASK
+) -> str:
     """A completed evaluation's id, as real workers leave it."""
     with database.writing() as session:
-        id = ledgers.created(session, policy, tasks=[TASK], episodes=episodes).id
+        id = ledgers.created(session, policy, tasks=[task], episodes=episodes).id
         while found := ledgers.leased(session):
             _report(session, store, *found, policy)
         return id
@@ -56,7 +58,8 @@ def evaluated(database: Database, store: Blobs, policy: str, episodes: int = 1) 
 def _report(session, store: Blobs, attempt: Attempt, shard: Shard, policy: str) -> None:
     for episode in lifecycle.open_episodes(shard):
         lifecycle.begin(session, attempt, episode)
-        told, recording = _played(policy, lifecycle.spec_of(episode).index)
+        spec = lifecycle.spec_of(episode)
+        told, recording = _played(policy, spec.index, spec.task)
         sha256 = store.put(recording.read_bytes())
         commit(session, store, attempt, episode, told.model_copy(update={"recording": sha256}))
     session.flush()

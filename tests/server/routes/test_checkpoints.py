@@ -11,6 +11,7 @@ import httpx
 import pytest
 import torch
 
+from hide_tasks import SUITES
 from seek_model.checkpoint_header import read_header
 from server import blobs, jobs, lifecycle
 from server.hub import Hub
@@ -77,6 +78,7 @@ def test_a_checkpoint_becomes_a_version(here: TestClient, tiny: bytes) -> None:
         "sha256": sha256,
         "size": len(tiny),
         "model": tiny_config().name,
+        "suite": "hide",
         "timeout": 60.0,
     }
     names = [(check["name"], check["outcome"]) for check in version["checks"]]
@@ -89,6 +91,21 @@ def test_a_checkpoint_becomes_a_version(here: TestClient, tiny: bytes) -> None:
         assert session.get_one(Blob, sha256).media_type == blobs.CHECKPOINT
     hub.blobs.clear_parts()
     assert hub.blobs.holds(sha256)
+
+
+def test_a_version_is_first_tried_on_the_suite_that_it_was_trained_on(tmp_path: Path) -> None:
+    content = tiny_checkpoint(tmp_path / "tiny.safetensors", suite="real4").read_bytes()
+
+    with client(tmp_path / "data", smoke=True) as here:
+        version = upload(here, content).json()
+        first = here.get(f"{API}/evaluations/{version['smoke']}").json()
+        refused = here.post(f"{API}/evaluations", json={"policy": "mine", "suite": "smoke"})
+
+    assert version["spec"]["suite"] == "real4"
+    tasks = list(SUITES["real4"])
+    assert (first["tasks"], first["split"], first["episodes"]) == (tasks, "val", 1)
+    assert refused.status_code == 422
+    assert "trained on suite real4" in refused.json()["errors"][0]["message"]
 
 
 def test_a_file_of_torch_save_is_converted_and_known_again(

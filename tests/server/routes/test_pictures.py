@@ -1,12 +1,15 @@
 """Pictures of an episode: previews, and what each camera saw."""
 
 import io
+from pathlib import Path
 
 import pytest
 from PIL import Image
 
 from hide_tasks.contract import CAMERAS
-from tests.server.clients import TestClient
+from tests.server import ledgers, played
+from tests.server.clients import API, TestClient, hub_of
+from tests.server.clients import client as serving
 from tests.web.sites import Site
 
 
@@ -75,3 +78,19 @@ def test_an_episode_is_held_against_the_experts(site: Site, client: TestClient) 
     assert again.json() == found
     elsewhere = client.get(f"/api/v1/episodes/{id}/parting", params={"other": id[:-1] + "x"})
     assert elsewhere.status_code == 404
+
+
+def test_a_camera_that_its_task_does_not_have_is_not_there(tmp_path: Path) -> None:
+    with serving(tmp_path) as here:
+        hub = hub_of(here)
+        run = played.evaluated(hub.database, hub.blobs, "expert", task="real_push_button_times")
+        with hub.database.reading() as session:
+            [episode] = ledgers.episodes_of(session, run)
+            seen = f"{API}/episodes/{episode.id}/observations/0"
+        there, absent = (here.get(f"{seen}/{camera}.jpg") for camera in ("front", "wrist"))
+
+    assert there.status_code == 200
+    assert absent.status_code == 404
+    assert absent.json()["detail"] == (
+        "real_push_button_times has no camera wrist; it is seen through front."
+    )
