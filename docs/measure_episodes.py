@@ -11,7 +11,7 @@ from time import perf_counter
 
 import numpy as np
 
-from hide_tasks import ALL_TASKS, suite
+from hide_tasks import SUITES, suite
 from hide_tasks.bullet.cameras import camera, wrist_camera
 from hide_tasks.bullet.frames import HAND, link_frames
 from hide_tasks.bullet.world import World
@@ -60,7 +60,7 @@ def measure(spec: EpisodeSpec) -> Row:
 def main() -> None:
     """Print one line a task."""
     count = int(sys.argv[1]) if len(sys.argv) > 1 else 9
-    for task in ALL_TASKS:
+    for task in SUITES[suite.SUITE]:
         play(suite.episode(task, "val", 0), Expert())
         rows = [measure(spec) for spec in suite.episodes(task, "val", count)]
         medians = {name: statistics.median(row[name] for row in rows) for name in rows[0]}

@@ -21,7 +21,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple, get_args
 
-from hide_tasks import ALL_TASKS, suite
+from hide_tasks import SUITES, suite
 from hide_tasks.contract import EpisodeSpec, Split
 
 OUT = Path(__file__).with_name("study") / "oracles.json"
@@ -86,7 +86,7 @@ def read() -> argparse.Namespace:
     parser.add_argument("policies", nargs="+", metavar="NAME=CHECKPOINT")
     parser.add_argument("--split", choices=get_args(Split), default="val")
     parser.add_argument("--episodes", type=int, default=25)
-    parser.add_argument("--tasks", default=",".join(ALL_TASKS))
+    parser.add_argument("--tasks", default=",".join(SUITES[suite.SUITE]))
     parser.add_argument("--kinds", default="own,true_counts,true_anchors,both")
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--out", type=Path, default=OUT)

@@ -11,7 +11,7 @@ from typing import Any
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
-from hide_tasks import ALL_TASKS, suite
+from hide_tasks import SUITES, suite
 from seek_model.checkpoint_header import Header, read_header
 from seek_model.study import SPLIT, Run, Study, is_of
 from server import belief_scores
@@ -28,7 +28,7 @@ Record = dict[str, Any]
 
 def tasks_of(study: Study) -> tuple[str, ...]:
     """The tasks that a study is measured on."""
-    return study.tasks or tuple(ALL_TASKS)
+    return study.tasks or SUITES[suite.SUITE]
 
 
 def episodes_of(study: Study) -> int:
