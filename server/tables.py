@@ -166,6 +166,7 @@ def _entry(name: str) -> dict[str, Any]:
         "hidden_axes": sorted(task.hidden_axes()),
         "keyframes": sorted(task.keyframes),
         "budget": task.budget(),
+        "cameras": list(task.cameras),
         "hidden_state": task.remembers,
         "failures": {str(failure): how for failure, how in task.failures.items()},
         "certificate": proof and proof._asdict(),

@@ -8,6 +8,7 @@ from sqlalchemy.orm import Session
 
 from hide_tasks.catalogue import suite_of
 from hide_tasks.contract import Category
+from hide_tasks.suite import SUITE
 from server import leaderboard, tasks
 from server.access import Router, Scope, needs
 from server.deps import Reading
@@ -15,6 +16,7 @@ from server.problems import invalid
 from server.schemas.common import RatePublic, Verdicts
 from server.schemas.leaderboard import LeaderboardRow
 from server.schemas.tasks import CertificatePublic, TaskPublic
+from server.standings import BoardName
 from server.suites import BOARDS
 from web.aliases import clearest
 from web.templating import page
@@ -26,9 +28,10 @@ BEST = 5  # policies of a task's page
 
 @router.get("/tasks")
 @needs(Scope.READ)
-def list_tasks(request: Request) -> HTMLResponse:
-    """All tasks, by suite and category."""
-    return page(request, "tasks.html", {"suites": {name: by_category(name) for name in BOARDS}})
+def list_tasks(request: Request, suite: Annotated[BoardName, Query()] = SUITE) -> HTMLResponse:
+    """The tasks of a suite, by category."""
+    shown = {"suite": suite, "suites": [*BOARDS], "groups": by_category(suite)}
+    return page(request, "tasks.html", shown)
 
 
 def by_category(suite: str) -> list[tuple[Category, list[TaskPublic]]]:

@@ -42,6 +42,7 @@ class TaskPublic(BaseModel):
     hidden_axes: list[str]
     keyframes: list[int]
     budget: int
+    cameras: list[str]  # that it is seen through
     hidden_state: str
     failures: dict[Failure, str]  # which can occur here, and how
     certificate: CertificatePublic | None

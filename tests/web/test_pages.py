@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from fastapi.testclient import TestClient
 
-from hide_tasks import SUITES, load
+from hide_tasks import ALL_TASKS, SUITES, load
 from hide_tasks.certificates import committed
 from hide_tasks.contract import Failure
 from seek_model import trained
@@ -23,6 +23,7 @@ from tests.workers import checkpoint_files
 from web.wording import FAILURES, OUTCOMES, words
 
 WHOLE = ["/", "/?verdict=exact", "/?split=val", "/evaluations", "/evaluations/new", "/tasks"]
+WHOLE += ["/tasks?suite=hide-hard", "/tasks?suite=real4"]
 WHOLE += ["/policies/mine", "/policies/expert@1", "/batches", "/snapshots", "/snapshots/1"]
 WHOLE += ["/snapshots/1?verdict=exact", "/comparisons", "/comparisons?a=mine&b=expert"]
 WHOLE += ["/ablations", "/ablations?size=paper&clock=true&verdict=exact"]
@@ -45,7 +46,7 @@ def links(text: str) -> list[str]:
 
 def every_page(site: Site) -> list[str]:
     """A path of every page in every state."""
-    paths = WHOLE + [f"/tasks/{name}" for name in SUITES["hide"]]
+    paths = WHOLE + [f"/tasks/{name}" for name in ALL_TASKS]
     for state in STATES:
         evaluation = getattr(site, state)
         paths += [f"/evaluations/{evaluation}", f"/evaluations/{evaluation}/failures"]
@@ -175,7 +176,7 @@ def test_the_form_offers_every_policy_and_task(client: TestClient) -> None:
     text = page(client, "/evaluations/new?policy=mine")
 
     assert '<option value="mine@1" selected>' in text
-    assert all(f'name="tasks" value="{name}"' in text for name in SUITES["hide"])
+    assert all(f'name="tasks" value="{name}"' in text for name in ALL_TASKS)
 
 
 def test_of_a_name_the_newest_version_is_chosen(client: TestClient, site: Site) -> None:
@@ -420,6 +421,22 @@ def test_every_failure_and_every_outcome_has_words() -> None:
 
 
 # --- tasks ---
+
+
+@pytest.mark.parametrize("suite", SUITES)
+def test_the_tasks_of_a_suite_are_a_page(client: TestClient, suite: str) -> None:
+    text = page(client, "/tasks" if suite == "hide" else f"/tasks?suite={suite}")
+
+    there = {name for name in ALL_TASKS if f'href="/tasks/{name}"' in text}
+    assert there == set(SUITES[suite])
+    assert "there are leaderboards of hide" in page(client, "/tasks?suite=rlbench", 422)
+
+
+def test_a_tasks_page_says_what_it_is_seen_through(client: TestClient) -> None:
+    [seen] = re.findall(r"<dt>cameras</dt><dd>(.*?)</dd>", page(client, "/tasks/real_stack_cups"))
+    [four] = re.findall(r"<dt>cameras</dt><dd>(.*?)</dd>", page(client, "/tasks/search_drawer"))
+
+    assert (seen, four) == ("front", "front, left shoulder, right shoulder, wrist")
 
 
 def test_a_tasks_page_says_what_can_go_wrong_and_how(client: TestClient) -> None:
