@@ -1,7 +1,7 @@
 """What the paper printed: its main table, measured in another simulator (RLBench on CoppeliaSim).
 
-Never ranked with what is measured here. A task's figure is a percentage of 25 test episodes; the
-averages are the paper's own.
+It is of suite `hide`, and never ranked with what is measured here. A task's figure is a percentage
+of 25 test episodes; the averages are the paper's own.
 
 Source: Shi et al., Benchmarking and Enhancing Skill-Level Memory for Partially Observable Robotic
 Manipulation, table `tab:main_results`.

@@ -85,6 +85,11 @@ def is_whole(evaluation: Evaluation) -> bool:
     return evaluation.suite_version == suite.VERSION and covers(evaluation) == whole
 
 
+def name_of(told: str) -> str:
+    """The name of a suite that is told with its version, as `hide 1`."""
+    return told.rpartition(" ")[0]
+
+
 def is_suite(tasks: Iterable[str]) -> bool:
     """True if these are all the tasks of one suite."""
     return set(tasks) in map(set, SUITES.values())

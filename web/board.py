@@ -11,11 +11,13 @@ from typing import Annotated, Any, Literal
 from markupsafe import Markup
 from pydantic import Field
 
+from hide_tasks.suite import SUITE
 from server import standings
 from server.problems import invalid
 from server.published import published
 from server.schemas.leaderboard import Leaderboard, LeaderboardRow
 from server.standings import BoardQuery, Text
+from server.suites import name_of
 from web import board_charts
 from web.templating import part, query
 
@@ -53,6 +55,7 @@ class Shown:
 
     def __init__(self, whole: Leaderboard, wanted: PageQuery, key: Hashable, here: str = "/"):
         self.whole, self.wanted, self.key, self.here = whole, wanted, key, here
+        self.suite = name_of(whole.suite)
         self.board = standings.shown(whole, wanted)
         self.ranked, self.references = standings.apart(self.board.rows)
 
@@ -100,6 +103,11 @@ class Shown:
         """True when something is left out on demand."""
         return bool(self.wanted.filters) or self.wanted.category is not None
 
+    @property
+    def papers(self) -> bool:
+        """True of the suite that the paper printed figures of."""
+        return self.suite == SUITE
+
     def drawn(self) -> Markup:
         """The view that is asked for."""
         if self.wanted.view != "table":
@@ -113,7 +121,7 @@ class Shown:
             "ranked": [lines[row.evaluation] for row in ranked],
             "references": [lines[row.evaluation] for row in self.references],
             "more": len(self.ranked) - len(ranked),
-            "published": published() if self.wanted.published == "yes" else None,
+            "published": published() if self.papers and self.wanted.published == "yes" else None,
         }
         return part("board.html", shown)
 

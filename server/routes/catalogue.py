@@ -47,5 +47,6 @@ def get_leaderboard(
 @router.get("/leaderboard/published")
 @needs(Scope.READ)
 def get_published() -> PublishedPublic:
-    """What the paper printed. It was measured in another simulator, and is not comparable."""
+    """What the paper printed of suite `hide`. It was measured in another simulator, and is not
+    comparable."""
     return published.published()
