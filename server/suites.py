@@ -85,7 +85,7 @@ def is_whole(evaluation: Evaluation) -> bool:
     return evaluation.suite_version == suite.VERSION and covers(evaluation) == whole
 
 
-def name_of(told: str) -> str:
+def without_version(told: str) -> str:
     """The name of a suite that is told with its version, as `hide 1`."""
     return told.rpartition(" ")[0]
 

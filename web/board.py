@@ -17,7 +17,7 @@ from server.problems import invalid
 from server.published import published
 from server.schemas.leaderboard import Leaderboard, LeaderboardRow
 from server.standings import BoardQuery, Text
-from server.suites import name_of
+from server.suites import without_version
 from web import board_charts
 from web.templating import part, query
 
@@ -55,7 +55,7 @@ class Shown:
 
     def __init__(self, whole: Leaderboard, wanted: PageQuery, key: Hashable, here: str = "/"):
         self.whole, self.wanted, self.key, self.here = whole, wanted, key, here
-        self.suite = name_of(whole.suite)
+        self.suite = without_version(whole.suite)
         self.board = standings.shown(whole, wanted)
         self.ranked, self.references = standings.apart(self.board.rows)
 

@@ -30,6 +30,14 @@ def client(site: sites.Site) -> TestClient:
     return TestClient(site.app, base_url="http://127.0.0.1", raise_server_exceptions=False)
 
 
+@pytest.fixture(scope="session")
+def every_suite(tmp_path_factory: pytest.TempPathFactory) -> Iterator[TestClient]:
+    """A client of an application with whole evaluations of `mine` and `expert` of every suite."""
+    app = sites.of_every_suite(tmp_path_factory.mktemp("suites"))
+    yield TestClient(app, base_url="http://127.0.0.1", raise_server_exceptions=False)
+    app.state.hub.stop()
+
+
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Browser]:
     with sync_playwright() as playwright:

@@ -28,6 +28,7 @@ from workers.simulator import EpisodeJob, play_once
 
 KILLED = "The worker's process was killed (SIGKILL)."
 NASTY = "<script>alert('detail')</script>"
+EVERY_SUITE = ("full", "hide-hard", "real4")  # by the names that ask for the whole of each
 SMALL = {"policy": "mine", "tasks": ["search_drawer"], "episodes": 2}
 TRIED = (
     Check(name="header", outcome="passed", seconds=0.0, detail="seek-small, 214 tensors"),
@@ -74,6 +75,17 @@ def empty(data: Path) -> FastAPI:
     viewer_files.lay(data)
     quiet = {"workers": 0, "references": False, "smoke": False}
     return create_app(Settings(data=data, trained=data / "no-trained", **quiet))
+
+
+def of_every_suite(data: Path) -> FastAPI:
+    """The application over whole evaluations of two policies, of each suite."""
+    app = empty(data)
+    hub: Hub = app.state.hub
+    ledgers.registered(hub.database, "mine")
+    for suite in EVERY_SUITE:
+        ledgers.evaluated(hub.database, hub.blobs, "expert", suite=suite)
+        ledgers.evaluated(hub.database, hub.blobs, "mine", every_outcome(), suite=suite)
+    return app
 
 
 def filled(app: FastAPI, recordings: Path) -> Site:

@@ -125,8 +125,21 @@ def test_the_papers_rows_stand_apart_and_are_switched_off(client: TestClient) ->
     places = [block.index(f">{name}<small>paper") for name in METHODS]
     assert places == sorted(places)  # the paper's order, whatever is sorted by
     assert "another simulator" in block and "never ranked" in block
+    assert 'name="published"' in text and "The paper's figures were measured" in text
     assert 'class="published"' not in page(client, "/?published=no")
     assert 'class="published"' not in page(client, "/?view=bars")
+
+
+@pytest.mark.parametrize("suite", ["hide-hard", "real4"])
+def test_nothing_of_the_paper_stands_beside_another_suite(
+    every_suite: TestClient, suite: str
+) -> None:
+    text = page(every_suite, f"/?suite={suite}&published=yes")
+
+    assert rows_of(text) == ["mine", "expert"]
+    assert "rinted in the paper" not in text and 'name="published"' not in text
+    assert "The paper's figures" not in text
+    assert not any(f">{name}<small>paper" in text for name in METHODS)
 
 
 @pytest.mark.parametrize("view", ["bars", "radar", "tasks"])
