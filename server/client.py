@@ -134,7 +134,7 @@ class Client:
         return self._get(list[TaskPublic], "/tasks")
 
     def leaderboard(self, **wanted: Any) -> Leaderboard:
-        """The leaderboard; `split` and `verdict` may be given."""
+        """The leaderboard; `suite`, `split` and `verdict` may be given."""
         return self._get(Leaderboard, "/leaderboard", wanted)
 
     # --- policies ---

@@ -100,6 +100,9 @@ def export(
             "episode with its decisions; zip: everything."
         ),
     ] = Format.csv,
+    suite: Annotated[
+        str | None, Option(metavar="NAME", help="Of the leaderboard. Default: hide.")
+    ] = None,
     out: Annotated[Path | None, Option(help="A file. Default: standard output.")] = None,
     server: Server = None,
 ) -> None:
@@ -108,13 +111,16 @@ def export(
         raise BadUsage("--format zip: give --out FILE; a terminal cannot show it.")
     if what == "leaderboard" and format in (Format.zip, Format.jsonl):
         raise BadUsage(f"--format {format}: is of an evaluation; give json, csv or latex.")
+    if what != "leaderboard" and suite is not None:
+        raise BadUsage(f"--suite {suite}: is of the leaderboard; an evaluation has its own.")
     path = "/leaderboard" if what == "leaderboard" else f"/evaluations/{what}"
+    query = {"format": format.value, "suite": suite}
     with connected(server) as client:
         if out is not None:
-            client.save(f"/api/v1{path}/export", out, format=format.value)
+            client.save(f"/api/v1{path}/export", out, **query)
             typer.echo(out, err=True)
         else:
-            for piece in client.pieces(f"/api/v1{path}/export", format=format.value):
+            for piece in client.pieces(f"/api/v1{path}/export", **query):
                 sys.stdout.buffer.write(piece)
             sys.stdout.buffer.flush()
 

@@ -14,13 +14,16 @@ from typing import Any, TypeVar
 from pydantic import BaseModel
 
 from hide_tasks import ALL_TASKS
+from hide_tasks.suite import SUITE
 from server import episodes, evaluations, latex
 from server.db import Database
 from server.paging import MOST
+from server.problems import invalid
 from server.schemas.common import Verdict, Verdicts
 from server.schemas.episodes import EpisodePublic
 from server.schemas.evaluations import EvaluationPublic
 from server.states import EpisodeState
+from server.suites import without_version
 
 FORMULAS = ("=", "+", "-", "@", "\t", "\r")  # what a spreadsheet would calculate
 NOTE = "Measured in PyBullet; not comparable with the paper's table, measured in another simulator."
@@ -54,7 +57,7 @@ class EvaluationFormat(StrEnum):
     JSON = "json"  # the evaluation, its rates per task, its episodes
     CSV = "csv"  # a line per episode
     JSONL = "jsonl"  # a document per final episode, with all decisions
-    LATEX = "latex"  # the row of the paper's table
+    LATEX = "latex"  # the row of the paper's table; of its suite alone
     ZIP = "zip"  # all of these
 
 
@@ -81,6 +84,24 @@ MEDIA_TYPES = {
     "zip": "application/zip",
 }
 SUFFIXES = {"latex": "tex"}  # where it is not the format's name
+ZIPPED = {
+    EvaluationFormat.JSON: "evaluation.json",
+    EvaluationFormat.CSV: "episodes.csv",
+    EvaluationFormat.JSONL: "episodes.jsonl",
+    EvaluationFormat.LATEX: "row.tex",
+}
+
+
+def require_papers(format: EvaluationFormat | TableFormat, suite: str) -> None:
+    """Does nothing unless the paper's table is asked for of a suite that it does not have.
+
+    Raises:
+        Problem: 422, it is; it names the formats that there are.
+    """
+    if format == "latex" and suite != SUITE:
+        others = ", ".join(one.value for one in type(format) if one != format)
+        table = f"is the paper's table, of suite '{SUITE}' alone"
+        raise invalid("format", f"'{format.value}' {table}; of '{suite}' there are {others}")
 
 
 class Exported:
@@ -108,10 +129,11 @@ class Exported:
         }
 
     def _files(self) -> dict[str, Callable[[], Iterator[bytes]]]:
+        makers = self._makers()
+        if without_version(self.evaluation.suite) != SUITE:
+            del makers[EvaluationFormat.LATEX]
         folder = self.evaluation.id
-        names = ("evaluation.json", "episodes.csv", "episodes.jsonl", "row.tex")
-        makers = zip(names, self._makers().values(), strict=True)
-        return {f"{folder}/{name}": make for name, make in makers}
+        return {f"{folder}/{ZIPPED[format]}": make for format, make in makers.items()}
 
     def _pages(self, **wanted: Any) -> Iterator[list[EpisodePublic]]:
         return pages_of(self.database, evaluation=self.evaluation.id, **wanted)

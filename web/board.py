@@ -105,7 +105,7 @@ class Shown:
 
     @property
     def papers(self) -> bool:
-        """True of the suite that the paper printed figures of."""
+        """True of the suite whose figures the paper printed: they and its table stand here."""
         return self.suite == SUITE
 
     def drawn(self) -> Markup:

@@ -9,6 +9,7 @@ from markupsafe import Markup
 from sqlalchemy.orm import Session
 
 from hide_tasks.contract import Split
+from hide_tasks.suite import SUITE
 from server import comparisons, outcomes, several
 from server.access import Router, Scope, needs
 from server.deps import Reading
@@ -116,6 +117,7 @@ def _compared(session: Session, asked: Asked) -> dict[str, Any]:
     found = several.compare(session, ones, verdict=asked.verdict)
     return {
         "found": found,
+        "papers": ones[0].suite == SUITE,
         "taken": [
             Taken(one, comparisons.others(session, one) if text != one.id else 0)
             for one, text in zip(ones, asked.policies, strict=True)

@@ -6,7 +6,6 @@ from fastapi import Query, Request
 from fastapi.responses import HTMLResponse, Response
 
 from hide_tasks.contract import Split
-from hide_tasks.suite import SUITE
 from server import evaluations, standings
 from server.access import Gate, Router, Scope, needs
 from server.deps import Reading
@@ -38,7 +37,7 @@ def show_leaderboard(
         "splits": SHOWN_SPLITS,
         "views": VIEWS,
         "tabs": tabs(wanted, BOARDS),
-        "kept": wanted.suite != SUITE,
+        "kept": False,
         "snapshot_action": f"/snapshots{fields(wanted)}",
         "under_way": evaluations.listed(session, limit=len(ORDER)).items if not whole.rows else [],
     }

@@ -12,9 +12,9 @@ from server.ablation_rows import Size
 from server.ablations import Asked
 from server.access import Router, Scope, needs
 from server.deps import Reading
-from server.exports import TableFormat
+from server.exports import TableFormat, require_papers
 from server.revalidation import Revalidate
-from server.routes.exports import file_of, of_formats
+from server.routes.exports import file_of, named, of_formats
 from server.schemas.ablations import Ablations
 from server.schemas.common import Verdict
 from server.schemas.several import SeveralComparison
@@ -66,10 +66,14 @@ def export_comparison(
     verdict: Verdict = "success",
 ) -> StreamingResponse:
     """A comparison as a file: JSON, CSV with a line per episode, or LaTeX rows of the paper's
-    table with every pair's test in comments."""
-    compared = several.compare(session, several.found(session, policy, split), verdict=verdict)
-    pieces = comparison_exports.of_comparison(compared, format)
-    return file_of(pieces, f"comparison-{split}-{verdict}", format.value)
+    table, of suite `hide` alone, with every pair's test in comments."""
+    ones = several.found(session, policy, split)
+    require_papers(format, ones[0].suite)
+    pieces = comparison_exports.of_comparison(
+        several.compare(session, ones, verdict=verdict), format
+    )
+    name = named("comparison", ones[0].suite, ones[0].split, verdict)
+    return file_of(pieces, name, format.value)
 
 
 def _ablations_asked(

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from hide_tasks import SUITES
 from server import client as clients
 from server.hub import Hub
 from tests.server.clients import served
@@ -71,6 +72,9 @@ def test_what_does_not_complete_is_exit_status_1(capfd, server: tuple[Hub, str])
         ("watch ev_nothing --server nowhere", "nowhere is no address such as http://"),
         ("export ev_nothing", "No evaluation 'ev_nothing'"),
         ("export leaderboard --format zip --out x", "is of an evaluation; give json, csv or latex"),
+        ("export leaderboard --suite best", "there are leaderboards of hide, hide-hard, real4"),
+        ("export leaderboard --suite real4 --format latex --out x", "'real4' there are json, csv"),
+        ("export ev_1 --suite real4", "--suite real4: is of the leaderboard"),
     ],
 )
 def test_a_mistake_is_one_clear_line(
@@ -83,6 +87,16 @@ def test_a_mistake_is_one_clear_line(
     assert (status, output, errors.count("\n")) == (2, "", 1)
     assert errors.startswith("hide: ") and message in errors
     assert list(tmp_path.iterdir()) == []
+
+
+def test_the_leaderboard_of_a_suite_is_written(capfd) -> None:
+    status, output, _ = hide(capfd, "export", "leaderboard", "--suite", "hide-hard")
+    _, usual, _ = hide(capfd, "export", "leaderboard")
+
+    assert status == 0
+    for text, suite in ((output, "hide-hard"), (usual, "hide")):
+        heads = {name.removeprefix("success_") for name in text.splitlines()[0].split(",")}
+        assert heads & {*SUITES["hide"], *SUITES["hide-hard"]} == set(SUITES[suite])
 
 
 def test_a_server_that_is_not_there(capfd, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -196,6 +196,17 @@ def test_files_are_those_of_what_is_shown(client: TestClient) -> None:
     assert any(client.get(link).text.rstrip().endswith(r"\end{table*}") for link in files)
 
 
+def test_another_suite_has_its_files_and_not_the_papers_table(every_suite: TestClient) -> None:
+    text = page(every_suite, "/?suite=hide-hard&verdict=exact")
+    files = [link for link in links(text) if "/leaderboard/export" in link]
+
+    assert [link.rpartition("format=")[2] for link in files] == ["csv", "json"]
+    for link in files:
+        content = every_suite.get(link).text
+        assert "suite=hide-hard&verdict=exact" in link and "mine" in content
+        assert all(task in content for task in SUITES["hide-hard"])
+
+
 def test_a_snapshot_is_one_click_away_and_shows_the_same(client: TestClient) -> None:
     text = page(client, "/?view=bars&category=RC")
     [action] = re.findall(r'<form method="post" action="([^"]+)"', text)

@@ -38,6 +38,11 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
             ids[name] = ledgers.evaluated(hub.database, hub.blobs, name, outcomes)
         wanted = {"tasks": ["search_drawer"], "episodes": 2}
         ids["part"] = ledgers.evaluated(hub.database, hub.blobs, "good", **wanted)
+        hard = {"suite": "hide-hard"}
+        for name in ("good", "poor"):
+            ids[f"hard {name}"] = ledgers.evaluated(
+                hub.database, hub.blobs, name, played[name], **hard
+            )
         yield here, ids
 
 
@@ -163,3 +168,24 @@ def test_latex_has_the_papers_rows_and_every_pairs_test_as_a_comment(site: Site)
     assert here.get(f"{SEVERAL}/export", params=params | {"format": "json"}).json() == compared(
         here, "good", "poor"
     )
+
+
+# --- other suites ---
+
+
+def test_a_file_of_another_suite_says_so_in_its_name_and_is_not_the_papers_table(
+    site: Site,
+) -> None:
+    here, ids = site
+    params = {"policy": [ids["hard good"], ids["hard poor"]]}
+
+    usual = here.get(f"{SEVERAL}/export", params={"policy": ["good", "poor"]})
+    lines = here.get(f"{SEVERAL}/export", params=params)
+    refused = here.get(f"{SEVERAL}/export", params=params | {"format": "latex"})
+
+    assert 'filename="comparison-test-success.csv"' in usual.headers["content-disposition"]
+    told = lines.headers["content-disposition"]
+    assert 'filename="comparison-hide-hard-test-success.csv"' in told
+    assert len(lines.text.splitlines()) == 1 + 25 * len(SUITES["hide-hard"])
+    [error] = problem_of(refused)["errors"]
+    assert error["field"] == "format" and "of 'hide-hard' there are json, csv" in error["message"]

@@ -19,7 +19,7 @@ from server.schemas.common import RatePublic, Verdicts
 from server.schemas.leaderboard import Leaderboard, LeaderboardRow
 from server.standings import BoardQuery, shown
 from tests.server import ledgers
-from tests.server.clients import API, TestClient, client, hub_of
+from tests.server.clients import API, TestClient, client, hub_of, problem_of
 
 TASKS = ["push_button_times", "search_drawer"]
 EPISODES = 6  # of each
@@ -41,6 +41,13 @@ def evaluation(here: TestClient) -> str:
     hub = hub_of(here)
     wanted = {"tasks": TASKS, "episodes": EPISODES}
     return ledgers.evaluated(hub.database, hub.blobs, "noop", outcome, **wanted)
+
+
+@pytest.fixture(scope="module")
+def hard(here: TestClient) -> str:
+    """A whole evaluation of another suite."""
+    hub = hub_of(here)
+    return ledgers.evaluated(hub.database, hub.blobs, "random", outcome, suite="hide-hard")
 
 
 def exported(here: TestClient, path: str, **query: str) -> bytes:
@@ -273,3 +280,46 @@ def test_a_cell_is_no_formula(text: str) -> None:
 
 def test_what_latex_would_read_is_escaped() -> None:
     assert latex.escaped("50 %_{a}&\\input\nx") == r"50 \%\_\{a\}\&\textbackslash{}input x"
+
+
+# --- other suites ---
+
+
+def test_a_leaderboard_of_another_suite_has_its_columns_and_says_so_in_its_name(
+    here: TestClient, hard: str
+) -> None:
+    of = {"suite": "hide-hard"}
+    answer = here.get(f"{API}/leaderboard/export", params=of | {"verdict": "exact"})
+    told = answer.headers["content-disposition"]
+    [row] = csv.DictReader(io.StringIO(answer.text))
+
+    assert 'filename="leaderboard-hide-hard-test-exact.csv"' in told
+    assert (row["evaluation"], row["exact_episodes"]) == (hard, str(25 * len(SUITES["hide-hard"])))
+    tasks = {name.removeprefix("exact_") for name in row} & {*SUITES["hide"], *SUITES["hide-hard"]}
+    assert tasks == set(SUITES["hide-hard"])
+    found = json.loads(exported(here, "/leaderboard", format="json", **of))
+    assert found == here.get(f"{API}/leaderboard", params=of).json()
+    usual = here.get(f"{API}/leaderboard/export").headers["content-disposition"]
+    assert 'filename="leaderboard-test-success.csv"' in usual
+
+
+def test_the_papers_table_is_of_its_suite_alone(here: TestClient, hard: str) -> None:
+    of_board = {"suite": "hide-hard", "table": "true"}
+    for path, query, instead in (
+        ("/leaderboard/export", of_board, "json, csv"),
+        (f"/evaluations/{hard}/export", {}, "json, csv, jsonl, zip"),
+    ):
+        answer = here.get(API + path, params=query | {"format": "latex"})
+
+        assert answer.status_code == 422
+        [error] = problem_of(answer)["errors"]
+        assert error["field"] == "format" and "of suite 'hide' alone" in error["message"]
+        assert error["message"].endswith(f"of 'hide-hard' there are {instead}")
+
+
+def test_a_zip_of_another_suite_lacks_the_papers_row(here: TestClient, hard: str) -> None:
+    content = exported(here, f"/evaluations/{hard}", format="zip")
+
+    with zipfile.ZipFile(io.BytesIO(content)) as archive:
+        names = {name.removeprefix(f"{hard}/") for name in archive.namelist()}
+    assert names == {"evaluation.json", "episodes.csv", "episodes.jsonl"}
