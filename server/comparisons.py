@@ -13,7 +13,7 @@ from sqlalchemy import Select, select
 from sqlalchemy.orm import Session, aliased
 
 from hide_tasks import load
-from hide_tasks.contract import Category, Split
+from hide_tasks.contract import Category
 from server import policies, statistics, suites
 from server.models import Episode, Evaluation, PolicyVersion
 from server.problems import Problem, invalid
@@ -28,6 +28,7 @@ from server.schemas.comparisons import (
 )
 from server.states import EvaluationState
 from server.statistics import Table
+from server.suites import Place
 
 
 @dataclass(frozen=True)
@@ -74,8 +75,8 @@ def compare(
     )
 
 
-def find(session: Session, field: str, text: str, split: Split) -> Evaluation:
-    """The evaluation of this id, or the completed one on a split that stands for a policy.
+def find(session: Session, field: str, text: str, place: Place) -> Evaluation:
+    """The evaluation of this id, wherever it is, or the one that stands for a policy at a place.
 
     More episodes go before a later trial of fewer.
 
@@ -88,9 +89,9 @@ def find(session: Session, field: str, text: str, split: Split) -> Evaluation:
     if found := session.get(Evaluation, text):
         return found
     version = _version(session, field, text)
-    if here := session.scalars(_completed(version.id, split)).all():
+    if here := session.scalars(_completed(version.id, place)).all():
         return max(here, key=standing)
-    raise invalid(field, _why_none(session, version, split))
+    raise invalid(field, _why_none(session, version, place))
 
 
 def require_known(session: Session, field: str, text: str) -> None:
@@ -118,9 +119,14 @@ def standing(one: Evaluation) -> tuple[bool, int, str]:
 
 
 def others(session: Session, one: Evaluation) -> int:
-    """How many more completed evaluations its policy has on its split."""
-    found = session.scalars(_completed(one.policy_version_id, one.split)).all()
+    """How many more completed evaluations its policy has on its suite and split."""
+    found = session.scalars(_completed(one.policy_version_id, place_of(one))).all()
     return sum(other.id != one.id for other in found)
+
+
+def place_of(one: Evaluation) -> Place:
+    """Where an evaluation is compared with others."""
+    return Place(one.suite, one.split)
 
 
 def _of_version(version: str) -> Select[Evaluation]:
@@ -128,20 +134,22 @@ def _of_version(version: str) -> Select[Evaluation]:
     return select(Evaluation).where(of_policy, Evaluation.rules == "hide")
 
 
-def _completed(version: str, split: str) -> Select[Evaluation]:
+def _completed(version: str, place: Place) -> Select[Evaluation]:
     completed = Evaluation.state == EvaluationState.COMPLETED
-    return _of_version(version).where(completed, Evaluation.split == split)
+    here = (Evaluation.suite == place.suite) & (Evaluation.split == place.split)
+    return _of_version(version).where(completed, here)
 
 
-def _why_none(session: Session, version: PolicyVersion, split: Split) -> str:
+def _why_none(session: Session, version: PolicyVersion, place: Place) -> str:
     name = f"{version.policy.name}@{version.number}"
     others = session.scalars(_of_version(version.id).order_by(Evaluation.id.desc()).limit(50)).all()
-    under_way = [one for one in others if one.split == split]
-    elsewhere = {one.split for one in others if one.state == EvaluationState.COMPLETED}
-    why = f"{name} has no completed evaluation on {split}"
+    under_way = [one for one in others if place_of(one) == place]
+    elsewhere = {place_of(one) for one in others if one.state == EvaluationState.COMPLETED}
+    why = f"{name} has no completed evaluation on {place}"
     if under_way:
         why += f"; {under_way[0].id} is {under_way[0].state}"
-    return f"{why}; there is one on {' and '.join(sorted(elsewhere))}" if elsewhere else why
+    there = " and on ".join(map(str, sorted(elsewhere)))
+    return f"{why}; there is one on {there}" if elsewhere else why
 
 
 def require_comparable(a: Evaluation, b: Evaluation) -> None:

@@ -7,6 +7,8 @@ from typing import Annotated
 from fastapi import Depends, Header, Query, Request
 from sqlalchemy.orm import Session
 
+from hide_tasks.contract import Split
+from hide_tasks.suite import SUITE
 from server import episodes, evaluations
 from server.access import Principal
 from server.hub import Hub
@@ -14,6 +16,7 @@ from server.lifecycle import hash_token
 from server.models import Attempt, Episode
 from server.paging import MOST
 from server.problems import Problem, not_found
+from server.suites import BoardName, Place
 
 
 def _hub(request: Request) -> Hub:
@@ -43,6 +46,16 @@ Limit = Annotated[int, Query(ge=1, le=MOST, description="Items of a page.")]
 Cursor = Annotated[
     str | None, Query(max_length=500, description="`next` of the page before, unchanged.")
 ]
+
+
+def _place(
+    suite: Annotated[BoardName, Query(description="Of policies: where they are compared.")] = SUITE,
+    split: Annotated[Split, Query(description="Of policies: where they are compared.")] = "test",
+) -> Place:
+    return Place(suite, split)
+
+
+ThePlace = Annotated[Place, Depends(_place)]
 
 
 def _evaluation_id(evaluation: str, hub: TheHub) -> str:

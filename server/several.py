@@ -11,7 +11,7 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from hide_tasks import load
-from hide_tasks.contract import Category, Split
+from hide_tasks.contract import Category
 from server import belief_scores, comparisons, facts, statistics
 from server.models import Episode, Evaluation
 from server.problems import invalid
@@ -29,6 +29,7 @@ from server.schemas.several import (
 )
 from server.states import EvaluationState
 from server.statistics import Table
+from server.suites import Place
 
 FEWEST, MOST = 2, 6
 Bools = NDArray[np.bool_]
@@ -70,7 +71,7 @@ class _Played:
         return sorted(names, key=lambda name: (order.index(load(name).category), name))
 
 
-def found(session: Session, texts: Sequence[str], split: Split) -> list[Evaluation]:
+def found(session: Session, texts: Sequence[str], place: Place) -> list[Evaluation]:
     """The evaluations that ids and policies' names stand for.
 
     Raises:
@@ -78,21 +79,23 @@ def found(session: Session, texts: Sequence[str], split: Split) -> list[Evaluati
     """
     require_count(len(texts))
     ones: list[Evaluation] = []
-    for place, text in enumerate(texts):
-        one = comparisons.find(session, f"policy.{place}", text, split)
+    for number, text in enumerate(texts):
+        field = f"policy.{number}"
+        one = comparisons.find(session, field, text, place)
         if one in ones:
             told = f"'{text}' is there already: it is {one.id}, the same as the {_nth(ones, one)}"
-            raise invalid(f"policy.{place}", told)
+            raise invalid(field, told)
         ones.append(one)
     return ones
 
 
-def suggested(session: Session, split: Split, *, limit: int = 200) -> list[Evaluation]:
+def suggested(session: Session, place: Place, *, limit: int = 200) -> list[Evaluation]:
     """The evaluation that stands for each of the latest policy versions; those of most first."""
     wanted = (
         select(Evaluation)
         .where(
-            Evaluation.split == split,
+            Evaluation.suite == place.suite,
+            Evaluation.split == place.split,
             Evaluation.rules == "hide",
             Evaluation.state == EvaluationState.COMPLETED,
         )

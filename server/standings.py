@@ -17,6 +17,7 @@ from server import leaderboard
 from server.schemas.common import Verdict
 from server.schemas.leaderboard import Leaderboard, LeaderboardColumn, LeaderboardRow
 from server.suites import BOARDS
+from server.suites import BoardName as BoardName
 
 Order = Literal["asc", "desc"]
 Value = float | str | None
@@ -33,12 +34,6 @@ SORTS = (
 )
 
 
-def _with_board(suite: str) -> str:
-    if suite not in BOARDS:
-        raise ValueError(f"is '{suite}'; there are leaderboards of {', '.join(BOARDS)}")
-    return suite
-
-
 def _known(column: str) -> str:
     if column not in SORTS:
         raise ValueError(f"is '{column}'; a board is sorted by one of {', '.join(SORTS)}")
@@ -47,7 +42,6 @@ def _known(column: str) -> str:
 
 Sort = Annotated[str, AfterValidator(_known), Field(description=f"One of: {', '.join(SORTS)}.")]
 Text = Annotated[str, Field(max_length=80)]
-BoardName = Annotated[str, AfterValidator(_with_board)]
 
 
 class BoardQuery(BaseModel):

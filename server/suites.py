@@ -6,6 +6,9 @@ validation split unless another is named, for a first try should not look at hel
 
 from collections.abc import Iterable
 from functools import cache
+from typing import Annotated, NamedTuple
+
+from pydantic import AfterValidator
 
 from hide_tasks import SUITES, load, suite
 from hide_tasks.contract import Category, Split
@@ -18,6 +21,25 @@ from workers.results import in_order
 SMOKE_SPLIT: Split = "val"
 BOARDS = {name: tasks for name, tasks in SUITES.items() if tasks}  # leaderboards, their tasks
 CHOOSES = ("tasks", "category", "episodes")  # what a name chooses by itself
+
+
+def _with_board(suite: str) -> str:
+    if suite not in BOARDS:
+        raise ValueError(f"is '{suite}'; there are leaderboards of {', '.join(BOARDS)}")
+    return suite
+
+
+BoardName = Annotated[str, AfterValidator(_with_board)]
+
+
+class Place(NamedTuple):
+    """Where policies stand beside each other: a suite, and a split of it."""
+
+    suite: str
+    split: str
+
+    def __str__(self) -> str:
+        return f"{self.suite}, {self.split}"
 
 
 def resolved(wanted: EvaluationCreate) -> EvaluationCreate:

@@ -6,9 +6,11 @@ from typing import Annotated, Any
 
 from fastapi import Query
 
-from hide_tasks.contract import Category, Split
+from hide_tasks.contract import Category
+from hide_tasks.suite import SUITE
 from server.schemas.common import Verdict
 from server.schemas.several import SeveralComparison, SeveralEpisode
+from server.suites import Place
 from web.episode_grid import LETTERS
 from web.filters import EMPTY_IS_NONE
 from web.templating import query
@@ -28,11 +30,17 @@ class Asked:
     """A comparison as it is asked for."""
 
     policies: list[str]
-    split: Split = "test"
+    suite: str = SUITE
+    split: str = "test"
     verdict: Verdict = "success"
     category: Category | None = None
     which: str = "all"
     task: str = ""
+
+    @property
+    def place(self) -> Place:
+        """Where policies' names are looked up."""
+        return Place(self.suite, self.split)
 
     def address(self, **changed: Any) -> str:
         """Where the page stands, with something else instead; defaults are left out."""
@@ -51,7 +59,7 @@ class Asked:
 
     def export(self, format: str) -> str:
         """The comparison as a file."""
-        of = {"split": self.split, "verdict": self.verdict, "format": format}
+        of = {**self.place._asdict(), "verdict": self.verdict, "format": format}
         return f"/api/v1/comparisons/several/export{query(policy=self.policies, **of)}"
 
     @property
@@ -73,6 +81,7 @@ class Asked:
 
 
 DEFAULTS: dict[str, Any] = {
+    "suite": SUITE,
     "split": "test",
     "verdict": "success",
     "category": None,

@@ -1,5 +1,6 @@
 """Two to six policies on the same episodes."""
 
+from dataclasses import replace
 from itertools import groupby
 from typing import Annotated, Any, NamedTuple
 
@@ -12,11 +13,12 @@ from hide_tasks.contract import Split
 from hide_tasks.suite import SUITE
 from server import comparisons, outcomes, several
 from server.access import Router, Scope, needs
-from server.deps import Reading
+from server.deps import Reading, ThePlace
 from server.models import Evaluation
 from server.problems import Problem
 from server.schemas.common import RatePublic, Verdict
 from server.schemas.several import SeveralComparison
+from server.suites import BOARDS
 from web import comparing, episode_grid
 from web.comparing import Asked, OneCategory, OneTask, Side, Typed, Which
 from web.episode_grid import LETTERS
@@ -43,10 +45,10 @@ class Taken(NamedTuple):
 def show_comparison(
     request: Request,
     session: Reading,
+    place: ThePlace,
     policy: Typed = [],  # noqa: B006, FastAPI copies it
     a: Side = "",
     b: Side = "",
-    split: Annotated[Split, Query()] = "test",
     verdict: Annotated[Verdict, Query()] = "success",
     category: OneCategory = None,
     which: Which = "all",
@@ -54,16 +56,18 @@ def show_comparison(
 ) -> HTMLResponse:
     """The form, and the comparison that the address asks for, or why there is none."""
     typed = [one.strip() for one in [*policy, a, b] if one.strip()]
-    asked = Asked(typed, split, verdict, category, which, task)
-    shown, problem = {}, None
+    asked = Asked(typed, *place, verdict, category, which, task)
+    shown: dict[str, Any] = {}
+    problem = None
     try:
         if len(typed) > 1:
-            shown = _compared(session, asked)
+            asked, shown = _compared(session, asked)
         elif typed:
             comparisons.require_known(session, "policy.0", typed[0])
     except Problem as error:
         problem = error
-    form = {"asked": asked, "splits": SPLITS, "LETTERS": LETTERS, **_form(session, asked, problem)}
+    form = {"asked": asked, "suites": BOARDS, "splits": SPLITS, "LETTERS": LETTERS}
+    form |= _form(session, asked, problem)
     status = problem.status if problem else 200
     return page(request, "comparison.html", {"found": None, **form, **shown}, status=status)
 
@@ -76,7 +80,7 @@ def show_comparison_by_its_verb(request: Request) -> RedirectResponse:
 
 
 def _form(session: Session, asked: Asked, problem: Problem | None) -> dict[str, Any]:
-    suggested = several.suggested(session, asked.split)
+    suggested = several.suggested(session, asked.place)
     there = len(asked.policies)
     blank = max(several.FEWEST - there, int(there < several.MOST))
     named = {one["field"]: one["message"] for one in problem.errors} if problem else {}
@@ -112,10 +116,13 @@ def _name(one: Evaluation) -> str:
     return f"{one.policy_version.policy.name}@{one.policy_version.number}"
 
 
-def _compared(session: Session, asked: Asked) -> dict[str, Any]:
-    ones = several.found(session, asked.policies, asked.split)
+def _compared(session: Session, asked: Asked) -> tuple[Asked, dict[str, Any]]:
+    """What is asked for, at the place where the evaluations are that were named by ids, and what is
+    shown of it."""
+    ones = several.found(session, asked.policies, asked.place)
     found = several.compare(session, ones, verdict=asked.verdict)
-    return {
+    asked = replace(asked, **comparisons.place_of(ones[0])._asdict())
+    return asked, {
         "found": found,
         "papers": ones[0].suite == SUITE,
         "taken": [

@@ -11,7 +11,8 @@ from server.deps import Reading
 from server.revalidation import Revalidate
 from server.schemas.leaderboard import Leaderboard, PublishedPublic
 from server.schemas.tasks import TaskPublic
-from server.standings import BoardName, BoardQuery
+from server.standings import BoardQuery
+from server.suites import BoardName
 
 router = Router(tags=["catalogue"])
 

@@ -11,7 +11,7 @@ from server import ablation_exports, ablations, comparison_exports, several
 from server.ablation_rows import Size
 from server.ablations import Asked
 from server.access import Router, Scope, needs
-from server.deps import Reading
+from server.deps import Reading, ThePlace
 from server.exports import TableFormat, require_papers
 from server.revalidation import Revalidate
 from server.routes.exports import file_of, named, of_formats
@@ -32,7 +32,6 @@ Policies = Annotated[
     ),
 ]
 ABLATIONS = "/ablations"
-OnSplit = Annotated[Split, Query(description="Of policies: where they are compared.")]
 
 
 @router.get(SEVERAL)
@@ -41,7 +40,7 @@ def compare_several(
     session: Reading,
     revalidate: Revalidate,
     policy: Policies,
-    split: OnSplit = "test",
+    place: ThePlace,
     verdict: Verdict = "success",
 ) -> SeveralComparison:
     """Two to six policies on the episodes that all of them played.
@@ -49,7 +48,7 @@ def compare_several(
     Rates and rank sets together and per category, every pair's difference with its interval and
     p-value (McNemar's mid-p, Holm's correction over the pairs), and what each made of each episode.
     """
-    ones = several.found(session, policy, split)
+    ones = several.found(session, policy, place)
     revalidate.unless(*((one.id, one.state) for one in ones), verdict)
     return several.compare(session, ones, verdict=verdict)
 
@@ -61,13 +60,13 @@ def compare_several(
 def export_comparison(
     session: Reading,
     policy: Policies,
+    place: ThePlace,
     format: TableFormat = TableFormat.CSV,
-    split: OnSplit = "test",
     verdict: Verdict = "success",
 ) -> StreamingResponse:
     """A comparison as a file: JSON, CSV with a line per episode, or LaTeX rows of the paper's
     table, of suite `hide` alone, with every pair's test in comments."""
-    ones = several.found(session, policy, split)
+    ones = several.found(session, policy, place)
     require_papers(format, ones[0].suite)
     pieces = comparison_exports.of_comparison(
         several.compare(session, ones, verdict=verdict), format

@@ -7,7 +7,7 @@ from fastapi import Query, Response
 from hide_tasks.contract import Split
 from server import comparisons, snapshots
 from server.access import Router, Scope, needs
-from server.deps import Cursor, Limit, Reading, TheHub, ThePrincipal
+from server.deps import Cursor, Limit, Reading, TheHub, ThePlace, ThePrincipal
 from server.revalidation import FOR_EVER, Revalidate
 from server.schemas.common import Page, Verdict
 from server.schemas.comparisons import Comparison
@@ -75,15 +75,15 @@ def compare_policies(
     revalidate: Revalidate,
     a: Annotated[str, Query(max_length=100, description="An evaluation's id, or a policy.")],
     b: Annotated[str, Query(max_length=100, description="The other one.")],
-    split: Annotated[Split, Query(description="Of policies: where they are compared.")] = "test",
+    place: ThePlace,
     verdict: Verdict = "success",
 ) -> Comparison:
-    """Two policies on the same episodes; a policy stands there with its latest evaluation.
+    """Two policies on the same episodes; a name means an evaluation of the suite and the split.
 
     Per task McNemar's test, with Holm's correction, and an interval of the difference; over
     tasks also bootstrapped. Differences are A less B.
     """
-    one = comparisons.find(session, "a", a, split)
-    other = comparisons.find(session, "b", b, split)
+    one = comparisons.find(session, "a", a, place)
+    other = comparisons.find(session, "b", b, place)
     revalidate.unless(one.id, one.state, other.id, other.state, verdict)
     return comparisons.compare(session, one, other, verdict=verdict)

@@ -269,6 +269,8 @@ def test_a_wrong_field_is_named_with_what_is_allowed(
     ("path", "query", "field"),
     [
         ("/leaderboard", {"split": "best"}, "split"),
+        ("/leaderboard", {"suite": "best"}, "suite"),
+        ("/leaderboard/export", {"suite": "real4", "format": "latex"}, "format"),
         ("/leaderboard", {"verdict": "both"}, "verdict"),
         ("/leaderboard", {"sort": "beauty"}, "sort"),
         ("/leaderboard", {"order": "up"}, "order"),
@@ -282,6 +284,8 @@ def test_a_wrong_field_is_named_with_what_is_allowed(
         ("/comparisons", {"a": "nobody", "b": "expert"}, "a"),
         ("/comparisons", {"a": "noop", "b": "expert"}, "a"),  # has nothing completed
         ("/comparisons", {"a": "expert", "b": "expert", "split": "best"}, "split"),
+        ("/comparisons", {"a": "expert", "b": "expert", "suite": "best"}, "suite"),
+        ("/comparisons", {"a": "expert", "b": "expert", "suite": "real4"}, "a"),
         ("/comparisons/several", {"policy": "expert"}, "policy"),
         ("/comparisons/several", {"policy": ["expert"] * 7}, "policy"),
         ("/comparisons/several", {"policy": ["expert", "exprt"]}, "policy.1"),
@@ -289,6 +293,8 @@ def test_a_wrong_field_is_named_with_what_is_allowed(
         ("/comparisons/several", {"policy": ["expert", ""]}, "policy"),
         ("/comparisons/several", {"policy": ["noop", "expert"]}, "policy.0"),
         ("/comparisons/several", {"policy": ["a", "b"], "verdict": "x"}, "verdict"),
+        ("/comparisons/several", {"policy": ["a", "b"], "suite": ""}, "suite"),
+        ("/comparisons/several/export", {"policy": ["a", "b"], "suite": "full"}, "suite"),
         ("/ablations", {"size": "large"}, "size"),
         ("/ablations", {"clock": "late"}, "clock"),
         ("/ablations/export", {"format": "zip"}, "format"),

@@ -141,9 +141,9 @@ def test_episodes_are_found_by_who_managed_them(client: TestClient, which: str, 
     [
         ("policy=ada&policy=bbo", 422, "did you mean bob?"),
         ("policy=bbo", 422, "did you mean bob?"),
-        ("policy=ada&policy=late", 422, "late@1 has no completed evaluation on test"),
+        ("policy=ada&policy=late", 422, "late@1 has no completed evaluation on hide, test"),
         ("policy=ada&policy=bob&policy=ada@1", 422, "the same as the first"),
-        ("policy=ada&policy=bob&split=val", 422, "ada@1 has no completed evaluation on val"),
+        ("policy=ada&policy=bob&split=val", 422, "ada@1 has no completed evaluation on hide, val"),
         ("&".join(f"policy={one}" for one in "abcdefg"), 422, "give 2 to 6 policies"),
     ],
 )
@@ -167,7 +167,7 @@ def test_of_several_evaluations_the_newest_of_the_most_episodes_is_taken_and_tol
     rates = text.partition('class="list standing"')[2].partition("</table>")[0]
     assert rates.count("1 task × 3 episodes") == 2
     assert f'<a href="/evaluations/{taken["id"]}"><time' in rates
-    assert "eve@1 has 3 more completed evaluations on val" in text
+    assert "eve@1 has 3 more completed evaluations on hide, val" in text
     assert "fay@1 has" not in text
     chosen = page(client, f"policy={trial['id']}&policy=fay&split=val")
     assert "1 task × 2 episodes" in chosen and "eve@1 has" not in chosen
@@ -204,7 +204,9 @@ def test_nothing_that_was_typed_becomes_markup(client: TestClient) -> None:
     assert answer.status_code == 422 and "<script>alert" not in answer.text
 
 
-@pytest.mark.parametrize("query", ["which=some", "which=only_g", "category=XX", "split=best"])
+@pytest.mark.parametrize(
+    "query", ["which=some", "which=only_g", "category=XX", "split=best", "suite=full"]
+)
 def test_a_wrong_question_is_refused_with_a_page(client: TestClient, query: str) -> None:
     answer = client.get(f"/comparisons?policy=ada&policy=bob&{query}")
 
@@ -217,5 +219,69 @@ def test_a_server_without_evaluations_says_what_to_do(tmp_path: Path) -> None:
 
     text = TestClient(app, base_url="http://127.0.0.1").get("/comparisons").text
 
-    assert "Nothing is completed on test yet" in text and 'href="/evaluations/new"' in text
+    assert "Nothing is completed on hide, test yet" in text and 'href="/evaluations/new"' in text
     app.state.hub.stop()
+
+
+# --- other suites ---
+
+
+def addresses(text: str) -> list[str]:
+    """Where a page leads to a comparison, or to the file of one."""
+    return re.findall(r'(?:href|src)="((?:/api/v1)?/comparisons[^"]*)"', text)
+
+
+def files_of(found: list[str]) -> set[str]:
+    """The formats of the files among some addresses."""
+    return {one.rpartition("format=")[2] for one in found if "/export" in one}
+
+
+def test_a_comparison_on_another_suite_keeps_it_in_all_its_addresses(
+    every_suite: TestClient,
+) -> None:
+    text = page(every_suite, "policy=mine&policy=expert&suite=hide-hard&which=differ")
+
+    assert "Suite hide-hard 1, split test" in text
+    assert "<option selected>hide-hard</option>" in text
+    assert '<input type="hidden" name="suite" value="hide-hard">' in text
+    found = [one for one in addresses(text) if "policy=" in one]
+    assert len(found) > 20 and all("suite=hide-hard" in one for one in found)
+    assert files_of(found) == {"csv", "json"}
+    for address in found[:30]:
+        assert every_suite.get(address).status_code == 200, address
+
+
+def test_the_usual_suite_is_not_said_in_addresses(every_suite: TestClient) -> None:
+    found = addresses(page(every_suite, "policy=mine&policy=expert"))
+
+    assert all("suite=" not in one for one in found if "/export" not in one)
+    assert files_of(found) == {"csv", "json", "latex"}
+
+
+def test_evaluations_named_by_ids_lead_to_their_suite(every_suite: TestClient) -> None:
+    rows = every_suite.get("/api/v1/leaderboard?suite=real4").json()["rows"]
+
+    text = page(every_suite, "&".join(f"policy={row['evaluation']}" for row in rows))
+
+    assert "Suite real4 1, split test" in text and "<option selected>real4</option>" in text
+    found = [one for one in addresses(text) if "policy=" in one]
+    assert found and all("suite=real4" in one for one in found)
+
+
+def test_what_is_suggested_is_of_the_suite(client: TestClient, every_suite: TestClient) -> None:
+    text = page(every_suite, "policy=mine&suite=real4")
+    nothing = page(client, "suite=real4")
+
+    [address] = re.findall(r'href="([^"]+)" aria-label="Add expert@1, 100.% of 100 episodes"', text)
+    assert address == "/comparisons?policy=mine&policy=expert%401&suite=real4"
+    assert "Completed on real4, test" in text
+    assert "Nothing is completed on real4, test yet" in nothing
+
+
+def test_who_has_nothing_on_a_suite_is_told_beside_the_name(client: TestClient) -> None:
+    text = page(client, "policy=ada&policy=bob&suite=hide-hard", 422)
+
+    assert (
+        "ada@1 has no completed evaluation on hide-hard, test; there is one on hide, test" in text
+    )
+    assert "<option selected>hide-hard</option>" in text

@@ -238,6 +238,18 @@ def test_policies_are_ticked_to_be_compared(client: TestClient) -> None:
     assert '<input type="hidden" name="verdict" value="exact">' in text
 
 
+def test_the_ticked_are_compared_on_the_suite_where_they_stand(every_suite: TestClient) -> None:
+    text = page(every_suite, "/?suite=real4")
+    form = text.partition('<form id="chosen"')[2].partition("</form>")[0]
+    sent = dict(re.findall(r'<input type="hidden" name="(\w+)" value="([^"]+)">', form))
+
+    assert sent == {"suite": "real4"}
+    ticked = sent | {"policy": ["mine@1", "expert@1"]}
+    assert "Suite real4 1" in every_suite.get("/comparisons", params=ticked).text
+    charted = every_suite.get("/", params=ticked | {"view": "bars"}).text
+    assert "suite real4 1" in charted and "Choose policies" in charted
+
+
 def test_sorted_again_no_line_is_rendered_again(
     client: TestClient, monkeypatch: pytest.MonkeyPatch
 ) -> None:

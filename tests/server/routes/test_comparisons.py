@@ -139,7 +139,8 @@ def test_what_has_nothing_completed_says_what_there_is(site: Site) -> None:
 
     [error] = problem_of(answer)["errors"]
     assert error["field"] == "policy.1"
-    assert f"{waiting} is queued" in error["message"] and "one on val" in error["message"]
+    assert f"{waiting} is queued" in error["message"]
+    assert error["message"].endswith("; there is one on hide, val")
     assert queued.status_code == 409 and "is queued" in problem_of(queued)["detail"]
     here.post(f"{API}/evaluations/{waiting}/cancellation")
 
@@ -171,6 +172,47 @@ def test_latex_has_the_papers_rows_and_every_pairs_test_as_a_comment(site: Site)
 
 
 # --- other suites ---
+
+
+def test_a_name_means_its_evaluation_of_one_suite(site: Site) -> None:
+    here, ids = site
+
+    usual, hard = compared(here, "good", "poor"), compared(here, "good", "poor", suite="hide-hard")
+
+    for found, kind, suite in ((usual, "", "hide"), (hard, "hard ", "hide-hard")):
+        assert [one["evaluation"] for one in found["policies"]] == [
+            ids[f"{kind}good"], ids[f"{kind}poor"]
+        ]  # fmt: skip
+        assert found["suite"] == f"{suite} 1"
+        assert {one["task"] for one in found["tasks"]} == set(SUITES[suite])
+    params = {"a": "good", "b": "poor", "suite": "hide-hard"}
+    two = here.get(f"{API}/comparisons", params=params).json()
+    assert two["suite"] == "hide-hard 1" and two["a"]["evaluation"] == ids["hard good"]
+
+
+def test_an_evaluation_of_another_suite_is_found_by_its_id(site: Site) -> None:
+    here, ids = site
+    both = ids["hard good"], ids["hard poor"]
+
+    for suite in ("hide", "hide-hard", "real4"):
+        assert compared(here, *both, suite=suite)["suite"] == "hide-hard 1"
+    mixed = here.get(SEVERAL, params={"policy": ["good", ids["hard poor"]]})
+    assert mixed.status_code == 409
+    assert f"the suite of {ids['good']} is hide, of {ids['hard poor']} hide-hard" in mixed.text
+
+
+def test_what_has_nothing_on_a_suite_says_on_which_it_has(site: Site) -> None:
+    here, _ = site
+
+    of_fair = here.get(SEVERAL, params={"policy": ["good", "fair"], "suite": "hide-hard"})
+    of_good = here.get(SEVERAL, params={"policy": ["good", "poor"], "suite": "real4"})
+
+    [fair], [good] = (problem_of(one)["errors"] for one in (of_fair, of_good))
+    assert (fair["field"], good["field"]) == ("policy.1", "policy.0")
+    assert fair["message"] == (
+        "fair@1 has no completed evaluation on hide-hard, test; there is one on hide, test"
+    )
+    assert good["message"].endswith("there is one on hide, test and on hide-hard, test")
 
 
 def test_a_file_of_another_suite_says_so_in_its_name_and_is_not_the_papers_table(
