@@ -450,6 +450,7 @@ class LeaderboardSnapshot(Base):
     number: Mapped[int] = mapped_column(primary_key=True)
     sha256: Mapped[str] = mapped_column(Digest, unique=True)  # of the content in UTF-8
     content: Mapped[str]  # JSON
+    suite: Mapped[str] = mapped_column(Name, server_default="hide")  # that of the earliest
     split: Mapped[str] = mapped_column(Name)
     note: Mapped[str] = mapped_column(default="")
     created: Mapped[datetime] = mapped_column(default=now)

@@ -29,6 +29,7 @@ def _held(session: Session, evaluation: Evaluation) -> list[SnapshotPublic]:
         select(LeaderboardSnapshot)
         .options(defer(LeaderboardSnapshot.content))
         .where(
+            LeaderboardSnapshot.suite == evaluation.suite,
             LeaderboardSnapshot.split == evaluation.split,
             LeaderboardSnapshot.content.contains(f'"evaluation":"{evaluation.id}"'),
         )
@@ -68,6 +69,7 @@ def _superseded(session: Session, one: Evaluation) -> str | None:
         select(Evaluation)
         .where(
             Evaluation.policy_version_id == one.policy_version_id,
+            Evaluation.suite == one.suite,
             Evaluation.split == one.split,
             Evaluation.id > one.id,
         )

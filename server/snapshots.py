@@ -14,25 +14,28 @@ from sqlalchemy.orm import InstrumentedAttribute, Session
 
 from hide_tasks.contract import Split
 from hide_tasks.machine import installed
+from hide_tasks.suite import SUITE
 from server import leaderboard, statistics
 from server.models import Episode, Evaluation, LeaderboardSnapshot
 from server.paging import after, page
 from server.problems import Problem, not_found
 from server.schemas.common import Page
 from server.schemas.snapshots import SnapshotContent, SnapshotEvaluation, SnapshotPublic
+from server.suites import Place
 
 
-def content(session: Session, split: Split) -> str:
-    """The leaderboard of a split as it stands, as JSON; the same standing gives the same bytes.
+def content(session: Session, split: Split, *, suite: str = SUITE) -> str:
+    """A suite's leaderboard of a split as it stands, as JSON; the same gives the same bytes.
 
     Raises:
         Problem: 409, nothing stands there.
     """
-    by_success = leaderboard.leaderboard(session, split=split, verdict="success")
-    by_exact = leaderboard.leaderboard(session, split=split, verdict="exact")
+    by_success = leaderboard.leaderboard(session, split=split, verdict="success", of=suite)
+    by_exact = leaderboard.leaderboard(session, split=split, verdict="exact", of=suite)
     ids = sorted(row.evaluation for row in by_success.rows)
     if not ids:
-        raise Problem(409, "empty", f"No policy has a whole evaluation on {split} yet.")
+        place = Place(suite, split)
+        raise Problem(409, "empty", f"No policy has a whole evaluation on {place} yet.")
     found = SnapshotContent(
         software=installed("hide-seek") or "0",
         statistics=statistics.METHOD,
@@ -66,14 +69,22 @@ def _digest(session: Session, evaluation: str, column: InstrumentedAttribute[str
 
 
 def keep(
-    session: Session, text: str, split: Split, *, note: str = "", owner: str | None = None
+    session: Session,
+    text: str,
+    split: Split,
+    *,
+    suite: str = SUITE,
+    note: str = "",
+    owner: str | None = None,
 ) -> tuple[LeaderboardSnapshot, bool]:
     """The snapshot with this content, and whether it is a new one."""
     sha256 = hashlib.sha256(text.encode()).hexdigest()
     known = select(LeaderboardSnapshot).where(LeaderboardSnapshot.sha256 == sha256)
     if there := session.scalar(known):
         return there, False
-    row = LeaderboardSnapshot(sha256=sha256, content=text, split=split, note=note, owner_id=owner)
+    row = LeaderboardSnapshot(
+        sha256=sha256, content=text, suite=suite, split=split, note=note, owner_id=owner
+    )
     session.add(row)
     session.flush()
     session.refresh(row)
@@ -100,7 +111,12 @@ def find(session: Session, text: str) -> LeaderboardSnapshot:
 
 
 def listed(
-    session: Session, *, split: Split | None = None, limit: int = 50, cursor: str | None = None
+    session: Session,
+    *,
+    suite: str | None = None,
+    split: Split | None = None,
+    limit: int = 50,
+    cursor: str | None = None,
 ) -> Page[SnapshotPublic]:
     """Snapshots, the newest first.
 
@@ -108,6 +124,8 @@ def listed(
         Problem: 422, the cursor is not ours.
     """
     wanted = select(LeaderboardSnapshot).order_by(LeaderboardSnapshot.number.desc())
+    if suite is not None:
+        wanted = wanted.where(LeaderboardSnapshot.suite == suite)
     if split is not None:
         wanted = wanted.where(LeaderboardSnapshot.split == split)
     if place := after(cursor, [int]):
@@ -122,6 +140,7 @@ def public(one: LeaderboardSnapshot) -> SnapshotPublic:
         number=one.number,
         sha256=one.sha256,
         content=f"/api/v1/leaderboard/snapshots/{one.number}/content.json",
+        suite=one.suite,
         split=cast(Split, one.split),
         note=one.note,
         created=one.created,

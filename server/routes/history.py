@@ -91,4 +91,5 @@ def publish_evaluation(
         version = row.policy_version
         note = f"{version.policy.name}@{version.number} is published: {row.id}"
         split = TypeAdapter(Split).validate_python(row.split)
-    return take_snapshot(SnapshotCreate(split=split, note=note), hub, principal, response)
+        wanted = SnapshotCreate(suite=row.suite, split=split, note=note)
+    return take_snapshot(wanted, hub, principal, response)

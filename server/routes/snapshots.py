@@ -12,6 +12,7 @@ from server.revalidation import FOR_EVER, Revalidate
 from server.schemas.common import Page, Verdict
 from server.schemas.comparisons import Comparison
 from server.schemas.snapshots import SnapshotContent, SnapshotCreate, SnapshotPublic
+from server.suites import BoardName
 
 router = Router(tags=["catalogue"])
 SNAPSHOTS = "/leaderboard/snapshots"
@@ -20,10 +21,14 @@ SNAPSHOTS = "/leaderboard/snapshots"
 @router.get(SNAPSHOTS)
 @needs(Scope.READ)
 def list_snapshots(
-    session: Reading, split: Split | None = None, limit: Limit = 50, cursor: Cursor = None
+    session: Reading,
+    suite: BoardName | None = None,
+    split: Split | None = None,
+    limit: Limit = 50,
+    cursor: Cursor = None,
 ) -> Page[SnapshotPublic]:
     """Leaderboards that were kept, the newest first."""
-    return snapshots.listed(session, split=split, limit=limit, cursor=cursor)
+    return snapshots.listed(session, suite=suite, split=split, limit=limit, cursor=cursor)
 
 
 @router.post(
@@ -37,10 +42,15 @@ def take_snapshot(
 ) -> SnapshotPublic:
     """Keeps the leaderboard as it stands; it never changes. The same one again is the same."""
     with hub.database.reading() as session:
-        content = snapshots.content(session, wanted.split)
+        content = snapshots.content(session, wanted.split, suite=wanted.suite)
     with hub.database.writing() as session:
         row, new = snapshots.keep(
-            session, content, wanted.split, note=wanted.note, owner=principal.user
+            session,
+            content,
+            wanted.split,
+            suite=wanted.suite,
+            note=wanted.note,
+            owner=principal.user,
         )
         public = snapshots.public(row)
     response.status_code = 201 if new else 200

@@ -6,13 +6,16 @@ from typing import Any, Literal
 from pydantic import BaseModel
 
 from hide_tasks.contract import Split
+from hide_tasks.suite import SUITE
 from server.schemas.common import Description, Given, Verdict
 from server.schemas.leaderboard import Leaderboard
+from server.suites import BoardName
 
 
 class SnapshotCreate(Given):
     """A snapshot to be taken."""
 
+    suite: BoardName = SUITE
     split: Split = "test"
     note: Description = ""
 
@@ -23,6 +26,7 @@ class SnapshotPublic(BaseModel):
     number: int
     sha256: str  # of the bytes at `content`
     content: str  # path
+    suite: str  # its name; its version stands in the content
     split: Split
     note: str
     created: datetime

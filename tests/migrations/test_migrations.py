@@ -91,6 +91,26 @@ def fill(database: Database, folder: Path) -> None:
         session.add(Removal(sha256=episode.thumbnail, reason="test"))
 
 
+def snapshot_of_before(database: Database) -> None:
+    """A ledger as it was before there were several suites, with a snapshot in it."""
+    down(database, "0011")
+    execute(
+        database,
+        "INSERT INTO leaderboard_snapshots (number, sha256, content, split, note, created) "
+        f"VALUES (3, '{'a' * 64}', '[]', 'val', 'kept', '2026-01-01 00:00:00')",
+    )
+
+
+def check_snapshot_of_before(database: Database) -> None:
+    """It is of suite `hide`, the same otherwise, and never changes."""
+    columns = "suite, number, sha256, content, split, note"
+    with database.engine.connect() as connection:
+        [row] = connection.execute(text(f"SELECT {columns} FROM leaderboard_snapshots")).all()
+    assert tuple(row) == ("hide", 3, "a" * 64, "[]", "val", "kept")
+    with pytest.raises(IntegrityError, match="snapshots are immutable"):
+        execute(database, "UPDATE leaderboard_snapshots SET suite = 'hide-hard'")
+
+
 def test_up_from_nothing_equals_the_models(database: Database) -> None:
     with database.engine.connect() as connection:
         context = MigrationContext.configure(connection, opts={"compare_server_default": True})
@@ -122,6 +142,14 @@ def test_up_again_makes_the_same(database: Database) -> None:
 
     assert [objects(database, kind) for kind in kinds] == before
     assert len(before[2]) > 20
+
+
+def test_a_snapshot_of_before_is_of_suite_hide(database: Database) -> None:
+    snapshot_of_before(database)
+
+    migrate(database.engine)
+
+    check_snapshot_of_before(database)
 
 
 def test_triggers_guard_after_a_round_trip(database: Database, tmp_path: Path) -> None:

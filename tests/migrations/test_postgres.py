@@ -12,7 +12,12 @@ from sqlalchemy.exc import IntegrityError
 
 from server.db import Database, migrate, migrations
 from server.models import Base
-from tests.migrations.test_migrations import fill, objects
+from tests.migrations.test_migrations import (
+    check_snapshot_of_before,
+    fill,
+    objects,
+    snapshot_of_before,
+)
 from tests.server import ledgers, postgres
 
 pytestmark = postgres.needs_postgres
@@ -85,6 +90,14 @@ def test_up_and_down_with_every_table_full(database: Database, tmp_path: Path) -
 
     migrate(database.engine)
     assert everything(database) == before
+
+
+def test_a_snapshot_of_before_is_of_suite_hide(database: Database) -> None:
+    snapshot_of_before(database)
+
+    migrate(database.engine)
+
+    check_snapshot_of_before(database)
 
 
 @pytest.mark.parametrize("table", ["episodes", "decisions", "events", "blobs", "audit_entries"])

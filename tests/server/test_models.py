@@ -81,6 +81,7 @@ LEASED = "(SELECT id FROM shards WHERE state = 'leased')"
         ("DELETE FROM episode_labels", "labels are immutable"),
         ("UPDATE leaderboard_snapshots SET content = '{}'", "snapshots are immutable"),
         ("UPDATE leaderboard_snapshots SET note = 'x'", "snapshots are immutable"),
+        ("UPDATE leaderboard_snapshots SET suite = 'x'", "snapshots are immutable"),
         ("DELETE FROM leaderboard_snapshots", "snapshots are immutable"),
     ],
 )

@@ -231,6 +231,7 @@ def test_what_is_not_a_json_object_is_refused(
         ("/evaluations", {"policy": "noop", "suite": "smoke", "episodes": 3}, "episodes",
          "is chosen by suite 'smoke'"),
         ("/leaderboard/snapshots", {"split": "best"}, "split", "'test' or 'test100'"),
+        ("/leaderboard/snapshots", {"suite": "full"}, "suite", "hide, hide-hard, real4"),
         ("/leaderboard/snapshots", {"note": "x" * 2001}, "note", "at most 2000"),
         ("/batches", {"matrix": {"policies": ["noop"], "suites": []}}, "matrix.suites",
          "at least 1"),
@@ -299,6 +300,7 @@ def test_a_wrong_field_is_named_with_what_is_allowed(
         ("/ablations", {"clock": "late"}, "clock"),
         ("/ablations/export", {"format": "zip"}, "format"),
         ("/comparisons/several/export", {"policy": ["a", "b"], "format": "zip"}, "format"),
+        ("/leaderboard/snapshots", {"suite": "best"}, "suite"),
         ("/leaderboard/snapshots", {"cursor": "WyJhIl0"}, "cursor"),  # ["a"]
         ("/policies", {"cursor": "WzFd"}, "cursor"),
         ("/users", {"limit": "0"}, "limit"),

@@ -222,6 +222,25 @@ def test_a_snapshot_is_one_click_away_and_shows_the_same(client: TestClient) -> 
     assert rows_of(page(client, there.partition("?")[0])) == rows_of(page(client, "/"))
 
 
+def test_another_suites_board_is_kept_and_shown_as_it_was_taken(every_suite: TestClient) -> None:
+    text = page(every_suite, "/?suite=hide-hard&sort=policy")
+    [action, form] = re.findall(
+        r'<form method="post" action="(/snapshots[^"]*)">(.*?)</form>', text, re.DOTALL
+    )[0]
+    sent = dict(re.findall(r'name="(\w+)" value="([^"]*)"', form))
+
+    answer = every_suite.post(unescape(action), data=sent, follow_redirects=False)
+
+    there = answer.headers["location"]
+    assert re.fullmatch(r"/snapshots/\d+\?sort=policy", there)
+    kept = page(every_suite, there)
+    assert rows_of(kept) == rows_of(text)
+    assert "suite hide-hard, split test, as it stood" in kept
+    assert "rinted in the paper" not in kept and 'name="published"' not in kept
+    assert '<input type="hidden" name="suite" value="hide-hard">' in kept  # where it is compared
+    assert "<td>hide-hard</td>" in page(every_suite, "/snapshots")
+
+
 def test_every_suite_has_a_tab_and_a_board_of_its_own(client: TestClient) -> None:
     text = page(client, "/?suite=hide-hard&verdict=exact")
     assert 'href="/?suite=hide-hard&amp;verdict=exact" aria-current="page">hide-hard' in text

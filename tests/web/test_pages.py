@@ -319,10 +319,12 @@ def test_the_leaderboard_is_kept_by_a_form_and_twice_is_once(client: TestClient)
         client.post("/snapshots", data={"split": "test"}, follow_redirects=False) for _ in range(2)
     ]
     empty = client.post("/snapshots", data={"split": "train"})
+    wrong = client.post("/snapshots", data={"suite": "full"})
 
     assert {one.status_code for one in answers} == {303}
     assert len({one.headers["location"] for one in answers}) == 1
     assert empty.status_code == 409 and "No policy has a whole evaluation" in empty.text
+    assert wrong.status_code == 422 and "hide, hide-hard, real4" in wrong.text
 
 
 # --- failures ---

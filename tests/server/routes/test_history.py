@@ -310,6 +310,21 @@ def test_what_a_newer_one_supersedes_is_not_published(here: TestClient) -> None:
     assert publication(here, new)["publishable"]
 
 
+def test_what_is_whole_of_another_suite_is_published_on_its_leaderboard(here: TestClient) -> None:
+    hub = hub_of(here)
+    usual = ledgers.evaluated(hub.database, hub.blobs)
+    hard = ledgers.evaluated(hub.database, hub.blobs, suite="hide-hard")
+
+    assert publication(here, usual)["publishable"]  # a newer one of another suite is none
+    kept = here.post(f"{API}/evaluations/{hard}/publication").json()
+
+    assert kept["suite"] == "hide-hard"
+    content = here.get(kept["content"]).json()
+    assert [one["evaluation"] for one in content["evaluations"]] == [hard]
+    assert publication(here, hard)["snapshots"] == [kept]
+    assert publication(here, usual)["snapshots"] == []
+
+
 def test_a_newer_part_supersedes_nothing(here: TestClient) -> None:
     hub = hub_of(here)
     whole = ledgers.evaluated(hub.database, hub.blobs)

@@ -107,6 +107,52 @@ def test_a_snapshot_stays_while_the_leaderboard_moves(tmp_path: Path) -> None:
         assert here.get(SNAPSHOTS, params={"split": "val"}).json()["items"] == []
 
 
+def test_a_snapshot_is_of_one_suite(tmp_path: Path) -> None:
+    with client(tmp_path) as here:
+        hub = hub_of(here)
+        ledgers.registered(hub.database, "mine")
+        whole = {
+            name: ledgers.evaluated(hub.database, hub.blobs, "mine", failing(9), suite=asked)
+            for name, asked in (("hide", "full"), ("hide-hard", "hide-hard"))
+        }
+
+        usual = here.post(SNAPSHOTS, json={}).json()
+        hard, again = (here.post(SNAPSHOTS, json={"suite": "hide-hard"}) for _ in range(2))
+
+        assert (usual["suite"], hard.json()["suite"]) == ("hide", "hide-hard")
+        assert again.status_code == 200 and again.json() == hard.json()
+        for one in (usual, hard.json()):
+            found = here.get(one["content"]).json()
+            assert {board["suite"] for board in found["leaderboards"].values()} == {
+                f"{one['suite']} 1"
+            }
+            columns = found["leaderboards"]["exact"]["columns"]
+            assert {column["task"] for column in columns} == set(SUITES[one["suite"]])
+            rests_on = [row["evaluation"] for row in found["evaluations"]]
+            assert rests_on == [whole[one["suite"]]]
+            listed = here.get(SNAPSHOTS, params={"suite": one["suite"]}).json()["items"]
+            assert listed == [one]
+        assert len(here.get(SNAPSHOTS).json()["items"]) == 2
+        empty = here.post(SNAPSHOTS, json={"suite": "real4"})
+        assert empty.status_code == 409
+        assert "No policy has a whole evaluation on real4, test" in problem_of(empty)["detail"]
+
+
+def test_a_snapshot_of_suite_hide_says_what_it_always_said(
+    site: tuple[TestClient, dict[str, str]],
+) -> None:
+    here, _ = site
+
+    kept = here.post(SNAPSHOTS, json={}).json()
+    found = here.get(kept["content"]).json()
+
+    assert set(found) == {
+        "format", "software", "statistics", "episodes", "leaderboards", "evaluations"
+    }  # fmt: skip
+    assert found["format"] == 1
+    assert found["leaderboards"]["success"]["suite"] == "hide 1"
+
+
 def test_nothing_is_no_snapshot(site: tuple[TestClient, dict[str, str]]) -> None:
     here, _ = site
 
