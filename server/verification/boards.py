@@ -2,12 +2,14 @@
 
 import hashlib
 from collections.abc import Mapping
+from typing import cast
 
 from pydantic import ValidationError
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from hide_tasks import load
+from hide_tasks.contract import Split
 from server import evaluations, outcomes, snapshots
 from server.evaluations import Counts
 from server.leaderboard import compute, together
@@ -15,6 +17,7 @@ from server.models import Evaluation, LeaderboardSnapshot
 from server.schemas.common import Verdicts
 from server.schemas.leaderboard import LeaderboardRow
 from server.schemas.snapshots import SnapshotContent
+from server.suites import BOARDS
 from server.verification.findings import Findings
 
 ByTask = dict[str, Counts]
@@ -29,10 +32,10 @@ def scores(verdicts: Verdicts) -> dict[str, str]:
 
 
 def check_leaderboard(session: Session, counted: Mapping[str, ByTask], findings: Findings) -> None:
-    """Every figure of every row whose evaluation was recomputed."""
-    splits = session.scalars(select(Evaluation.split).distinct()).all()
-    for split in splits:
-        board = compute(session, split, "success", outcomes.as_stored)  # type: ignore[arg-type]
+    """Every figure of every row whose evaluation was recomputed, on every suite's leaderboards."""
+    places = select(Evaluation.suite, Evaluation.split).distinct()
+    for suite, split in session.execute(places.where(Evaluation.suite.in_(BOARDS))).all():
+        board = compute(session, cast(Split, split), "success", outcomes.as_stored, of=suite)
         for row in board.rows:
             if row.evaluation in counted:
                 _check_row("leaderboard", row, counted[row.evaluation], findings)

@@ -220,25 +220,28 @@ def test_a_stopped_server_stays_so_while_it_is_read(folder: Path) -> None:
     DataFolder(folder).close()
 
 
-def test_the_leaderboards_figures_are_recomputed(tmp_path: Path) -> None:
+@pytest.mark.parametrize("suite", SUITES)
+def test_the_leaderboards_figures_are_recomputed(tmp_path: Path, suite: str) -> None:
+    task, other, *_ = SUITES[suite]
     database, store = ledgers.opened(tmp_path), Blobs(tmp_path / "blobs")
     ledgers.registered(database, "mine")
-    id = ledgers.evaluated(database, store, "mine", failing)
+    wanted = {"suite": "full" if suite == "hide" else suite}
+    id = ledgers.evaluated(database, store, "mine", failing, **wanted)
     database.close()
     assert verified(tmp_path, id).mismatches == []
     verdict = "success = 1, exact = 1, failure = NULL"
-    where = "task = 'search_drawer' AND failure IS NOT NULL"
+    where = f"task = '{task}' AND failure IS NOT NULL"
     tampering.alter(tmp_path, f"UPDATE episodes SET {verdict} WHERE {where}")
 
     told = {(one.name, one.what): (one.stored, one.found) for one in verified(tmp_path).mismatches}
 
-    episodes = 25 * len(SUITES["hide"])
-    right, forged = episodes - len(SUITES["hide"]), episodes - len(SUITES["hide"]) + 1
+    episodes = 25 * len(SUITES[suite])
+    right, forged = episodes - len(SUITES[suite]), episodes - len(SUITES[suite]) + 1
     overall = (f"{forged} of {episodes}", f"{right} of {episodes}")
     assert told["leaderboard, mine@1, overall", "success"] == overall
-    assert told["leaderboard, mine@1, search_drawer", "success"] == ("25 of 25", "24 of 25")
-    assert told["leaderboard, mine@1, search_drawer", "exact"] == ("25 of 25", "24 of 25")
-    assert ("leaderboard, mine@1, push_button_times", "success") not in told
+    assert told[f"leaderboard, mine@1, {task}", "success"] == ("25 of 25", "24 of 25")
+    assert told[f"leaderboard, mine@1, {task}", "exact"] == ("25 of 25", "24 of 25")
+    assert (f"leaderboard, mine@1, {other}", "success") not in told
 
 
 def test_an_evaluation_that_is_not_there(folder: Path) -> None:
