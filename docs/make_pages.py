@@ -9,14 +9,16 @@ from pathlib import Path
 from statistics import mean
 from typing import Any
 
-from hide_tasks import ALL_TASKS, load, suite
+from hide_tasks import ALL_TASKS, SUITES, load, suite
+from hide_tasks.catalogue import suite_of
 from hide_tasks.certificates import committed
 from hide_tasks.contract import CONTROL_HZ, Category, Failure, Value
-from web.wording import CATEGORIES, FAILURES
+from web.wording import ABOUT_SUITES, CATEGORIES, FAILURES
 
 FOLDER = Path(__file__).parent / "tasks"
 PICTURES = "../../web/static/tasks"
-# The paper's mean frames and mean keyframes of a demonstration (its table of task statistics).
+# The paper's mean frames and mean keyframes of a demonstration (its table of task statistics), of
+# the tasks that are its own.
 PAPER = {
     "push_button_times": (144.3, 7.8),
     "stack_blocks": (372.8, 16.1),
@@ -55,7 +57,7 @@ def page(name: str) -> str:
     task = load(name)
     parts = [
         f"# {name}",
-        f"*{CATEGORIES[task.category]} ({task.category})*",
+        f"*{CATEGORIES[task.category]} ({task.category}); suite {suite_of(name)}*",
         f"![The start of an episode]({PICTURES}/{name}.webp)",
         (sys.modules[task.__module__].__doc__ or "").strip(),
         "## Language\n\n" + bullets(f"“{text}”" for text in task.instructions),
@@ -73,7 +75,8 @@ def variations(name: str) -> str:
     """The axes and their values."""
     task = load(name)
     count = len(task.variations)
-    said = f"{count} variation{'s' * (count != 1)}, as in the paper."
+    papers = ", as in the paper" if name in PAPER else ""
+    said = f"{count} variation{'s' * (count != 1)}{papers}."
     if task.variations.axes:
         said += "\n\n" + bullets(axes(task.variations.axes))
     if task.histories.axes:
@@ -165,10 +168,15 @@ def expert(name: str) -> str:
     counts = sorted(load(name).keyframes)
     return (
         f"Exact in all of its {episodes} episodes. Keyframes: {', '.join(map(str, counts))}, on "
-        f"average {keyframes:.1f} (the paper's {PAPER[name][1]}); frames at {CONTROL_HZ} Hz on "
-        f"average {frames:.0f} (the paper's {PAPER[name][0]:.0f}, in another simulator). Budget of "
-        f"a policy: {load(name).budget()} decisions."
+        f"average {keyframes:.1f}{beside(name, 1)}; frames at {CONTROL_HZ} Hz on average "
+        f"{frames:.0f}{beside(name, 0, ', in another simulator')}. Budget of a policy: "
+        f"{load(name).budget()} decisions."
     )
+
+
+def beside(name: str, which: int, more: str = "") -> str:
+    """The paper's figure of a task in brackets, if the task is its own: frames, keyframes."""
+    return f" (the paper's {PAPER[name][which]:.{which}f}{more})" if name in PAPER else ""
 
 
 def failures(name: str) -> str:
@@ -184,14 +192,17 @@ def failures(name: str) -> str:
 
 
 def index() -> str:
-    """All tasks in tables."""
-    parts = [
-        "# The fifteen tasks",
-        "![Start, middle and end of an episode of every task](../pictures/tasks.png)",
-        "*Start, middle and end of an expert's episode.*",
-        "## What they hide\n\n" + overview(),
-        "## Sizes\n\nOf the expert's 150 episodes; in brackets the paper's, from another "
-        "simulator.\n\n" + sizes(),
+    """All tasks in tables, suite by suite."""
+    parts = ["# The tasks"]
+    for one in SUITES:
+        parts += [
+            f"## Suite {one}: {ABOUT_SUITES[one]}",
+            f"![Start, middle and end of an episode of every task](../pictures/{sheet(one)})",
+            "*Start, middle and end of an expert's episode.*",
+            overview(one),
+            sizes(one),
+        ]
+    parts += [
         "## What can go wrong where\n\n" + failure_table(),
         "In every task also:\n\n"
         + bullets(f"`{failure}`: {FAILURES[failure]}" for failure in EVERYWHERE),
@@ -200,15 +211,20 @@ def index() -> str:
     return "\n\n".join(parts) + "\n"
 
 
-def by_category() -> list[str]:
-    """The names of the tasks, category by category."""
-    return sorted(ALL_TASKS, key=lambda name: (list(Category).index(load(name).category), name))
+def sheet(of: str) -> str:
+    """The name of the picture of a suite's tasks."""
+    return "tasks.png" if of == suite.SUITE else f"tasks-{of}.png"
 
 
-def overview() -> str:
-    """Category, hidden state, verdict and ceilings."""
+def by_category(of: Iterable[str]) -> list[str]:
+    """Tasks, category by category."""
+    return sorted(of, key=lambda name: (list(Category).index(load(name).category), name))
+
+
+def overview(of: str) -> str:
+    """Category, hidden state, verdict and ceilings of a suite's tasks."""
     rows = []
-    for name in by_category():
+    for name in by_category(SUITES[of]):
         task, proof = load(name), committed(name)
         ceilings = [percent(proof["ceilings"][v]) if proof else "" for v in ("success", "exact")]
         verdict = proof.get("verdict", "not certified")
@@ -219,22 +235,20 @@ def overview() -> str:
     return table(heads, rows)
 
 
-def sizes() -> str:
-    """Variations, keyframes, frames."""
+def sizes(of: str) -> str:
+    """Variations, keyframes, frames of a suite's tasks."""
     rows = []
-    for name in by_category():
+    for name in by_category(SUITES[of]):
         ours = lengths(name) if suite.committed(name) else None
         frames, keyframes = (f"{value:.1f}" for value in ours) if ours else ("", "")
-        paper_frames, paper_keyframes = PAPER[name]
+        papers = [f" ({value})" for value in PAPER.get(name, ())] or ["", ""]
         rows.append(
-            [
-                name,
-                str(len(load(name).variations)),
-                f"{keyframes} ({paper_keyframes})",
-                f"{frames} ({paper_frames})",
-            ]
+            [name, str(len(load(name).variations)), keyframes + papers[1], frames + papers[0]]
         )
-    return table(["task", "variations", "keyframes", "frames"], rows)
+    papers_too = "; in brackets the paper's, from another simulator" if of == suite.SUITE else ""
+    episodes = sum(suite.SPLITS.values())
+    head = f"Means of the expert's {episodes} episodes{papers_too}:\n\n"
+    return head + table(["task", "variations", "keyframes", "frames"], rows)
 
 
 def failure_table() -> str:
@@ -242,7 +256,7 @@ def failure_table() -> str:
     names = [f for f in Failure if any(f in load(name).failures for name in ALL_TASKS)]
     rows = [
         [f"[{name}]({name}.md)", *("✓" if f in load(name).failures else "" for f in names)]
-        for name in by_category()
+        for name in by_category(ALL_TASKS)
     ]
     return table(["", *(f"`{f}`" for f in names)], rows)
 

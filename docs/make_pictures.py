@@ -3,13 +3,15 @@
 Run it with: .venv/bin/python docs/make_pictures.py
 """
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
-from hide_tasks import ALL_TASKS, load, suite
+from docs.make_pages import sheet
+from hide_tasks import ALL_TASKS, SUITES, load, suite
 from hide_tasks.bullet.cameras import Camera, camera, looking
 from hide_tasks.bullet.world import World
 from hide_tasks.certificate import ALIAS_EPISODES
@@ -131,12 +133,12 @@ def same_picture_other_action() -> Image.Image:
     return sheet
 
 
-def contact_sheet() -> Image.Image:
-    """Start, middle and end of an expert's episode of every task."""
+def contact_sheet(tasks: Sequence[str]) -> Image.Image:
+    """Start, middle and end of an expert's episode of every one of these tasks."""
     width, height = 3 * THUMB + GAP, THUMB + CAPTION
-    rows = -(-len(ALL_TASKS) // COLUMNS)
+    rows = -(-len(tasks) // COLUMNS)
     sheet = Image.new("RGB", (COLUMNS * width - GAP, rows * height), PAPER)
-    for number, name in enumerate(ALL_TASKS):
+    for number, name in enumerate(tasks):
         row, column = divmod(number, COLUMNS)
         labelled(sheet, (column * width + 3 * THUMB // 2, row * height + CAPTION // 2), name)
         for place, picture in enumerate(start_middle_end(name)):
@@ -156,5 +158,6 @@ def start_middle_end(name: str) -> list[Picture]:
 if __name__ == "__main__":
     FOLDER.mkdir(exist_ok=True)
     same_picture_other_action().save(FOLDER / "same_picture.png", optimize=True)
-    contact_sheet().save(FOLDER / "tasks.png", optimize=True)
+    for name, tasks in SUITES.items():
+        contact_sheet(tasks).save(FOLDER / sheet(name), optimize=True)
     draw_for_pages()

@@ -16,8 +16,7 @@ from hide_tasks.suite import SUITE
 from server import leaderboard
 from server.schemas.common import Verdict
 from server.schemas.leaderboard import Leaderboard, LeaderboardColumn, LeaderboardRow
-from server.suites import BOARDS
-from server.suites import BoardName as BoardName
+from server.suites import BOARDS, BoardName
 
 Order = Literal["asc", "desc"]
 Value = float | str | None

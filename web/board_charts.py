@@ -11,6 +11,7 @@ from typing import NamedTuple
 from markupsafe import Markup
 
 from hide_tasks.contract import Category
+from hide_tasks.suite import SPLITS as SPLITS
 from server.schemas.common import RatePublic
 from server.schemas.leaderboard import Leaderboard, LeaderboardRow
 from web import wording

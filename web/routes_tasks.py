@@ -16,8 +16,7 @@ from server.problems import invalid
 from server.schemas.common import RatePublic, Verdicts
 from server.schemas.leaderboard import LeaderboardRow
 from server.schemas.tasks import CertificatePublic, TaskPublic
-from server.standings import BoardName
-from server.suites import BOARDS
+from server.suites import BOARDS, BoardName
 from web.aliases import clearest
 from web.templating import page
 

@@ -325,3 +325,15 @@ def test_the_cells_of_a_task_stand_under_its_heading(client: TestClient) -> None
             if 'colspan="99"' not in line
         }
         assert len(widths) == 1, path
+
+
+def test_the_empty_board_of_another_suite_says_which_it_is(client: TestClient) -> None:
+    text = page(client, "/?suite=real4&split=test100")
+
+    [said] = re.findall("<h2 id=.first-title.>(.*?)</h2>", text)
+    assert said == "No complete evaluation of suite real4, split test100 yet"
+    assert "over 4 simulated tasks" in text
+
+
+def test_a_chart_says_how_many_episodes_a_task_has(client: TestClient) -> None:
+    assert "25 episodes a task" in page(client, "/?view=tasks")
