@@ -26,7 +26,7 @@ CLOCK = "+clock"
 
 # --- small: from scratch, on two processor cores ---
 
-_SMALL = Model(stop=True, views=Views(layers=2, behind=True), language=Language(colors=2))
+_SMALL = Model(stop=True, views=Views(zoom=8.0, layers=2, behind=True), language=Language(colors=2))
 _SMALL_MEMORY = Memory(layers=2, feedforward=256, channels=48, dropout=0.0, colocation=True)
 
 # --- paper: SEEK's table of hyperparameters, RVT's and SAM2Act's configurations ---

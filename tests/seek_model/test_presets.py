@@ -48,6 +48,7 @@ def test_the_paper_presets_have_the_papers_numbers() -> None:
     seek = preset("seek-paper")
     assert seek.train.augment.shift == (0.125, 0.125, 0.125) and seek.train.augment.turn == 45.0
     assert (seek.train.zoom_noise, seek.train.zoom_draw) == (0.05, "uniform")
+    assert seek.model.views.zoom == 4.0
     first, second, memory = seek.train.first, seek.train.second, seek.model.memory
 
     assert memory and (memory.window, memory.anchor, memory.layers) == (6, "cosine", 4)
