@@ -46,7 +46,7 @@ def test_every_declared_pair_was_verified_on_real_episodes(name):
     aliases = committed(name)["aliases"]
 
     assert aliases or committed(name)["verdict"] == "weak"
-    assert max((alias["episodes"] for alias in aliases), default=10) == ALIAS_EPISODES
+    assert not aliases or sum(alias["episodes"] for alias in aliases) >= ALIAS_EPISODES
     for alias in aliases:
         assert alias["verified"]
         assert max(alias["pixels"].values()) <= PIXELS

@@ -42,7 +42,8 @@ def spoken_of(paths: list[Path]) -> set[Failure]:
 
 @pytest.mark.parametrize("name", ALL_TASKS)
 def test_a_task_declares_the_failures_that_it_names(name):
-    assert spoken_of(files(name)) == set(load(name).failures)
+    own, *_ = extended = files(name)
+    assert spoken_of([own]) <= set(load(name).failures) <= spoken_of(extended)
     assert not NOT_THE_TASKS & set(load(name).failures)
     assert load(name).spoils <= set(load(name).failures)
 

@@ -3,7 +3,7 @@ import itertools
 import pytest
 import torch
 
-from hide_tasks import ALL_TASKS, load
+from hide_tasks import ALL_TASKS, load, suite
 from seek_model.config import Language
 from seek_model.language import WordReader, rows_of
 
@@ -32,7 +32,7 @@ def test_an_unknown_word_has_a_row_and_always_the_same() -> None:
 @pytest.mark.parametrize("task", ALL_TASKS)
 def test_every_instruction_of_a_task_reads_differently(task: str) -> None:
     kind = load(task)
-    told = sorted({kind.wording(variation) for variation in kind.variations})
+    told = sorted({kind.wording(spec.variation) for spec in suite.episodes(task, "train")})
 
     pooled = reader()(told).pooled
 

@@ -75,7 +75,7 @@ def asked(url: str, key: str | None = None, **changes: Any) -> Any:
     """The first action of an episode."""
     there = target(url, **MAPS | changes).model_copy(update={"key": key})
     policy = ActPolicy(there)
-    assert policy.open(0.0) == About(dialect="act")
+    assert policy.open(0.0) == About(dialect="act", cameras=("front",))
     policy.reset("wait", 7)
     return policy.act(observation())
 

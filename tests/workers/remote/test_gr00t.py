@@ -83,7 +83,7 @@ def serving(answer: Callable[[bytes], list[bytes]], kind: str = "REP") -> Iterat
 def connected(url: str, key: str | None = None, **changes: Any) -> Iterator[Gr00tPolicy]:
     there = target(url, **MAPS | changes).model_copy(update={"key": key})
     with contextlib.closing(Gr00tPolicy(there)) as policy:
-        assert policy.open(0.0) == About(dialect="gr00t")
+        assert policy.open(0.0) == About(dialect="gr00t", cameras=("front",))
         yield policy
 
 

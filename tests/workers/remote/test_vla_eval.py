@@ -90,7 +90,9 @@ def connected(url: str, **changes: Any) -> Iterator[VlaEvalPolicy]:
 def test_a_model_server_plays_and_is_told_of_episodes_and_of_no_number() -> None:
     server = ModelServer()
     with websocket(server) as url, connected(url, concurrency=3) as policy:
-        assert policy.open() == About(dialect="vla_eval", model="Small", sessions=3)
+        assert policy.open() == About(
+            dialect="vla_eval", model="Small", sessions=3, cameras=("front",)
+        )
         for _ in range(2):
             policy.reset("wait", 7)
             actions = [parse_action(policy.act(observation())) for _ in range(2)]
@@ -296,7 +298,9 @@ def test_vla_evals_own_model_server_plays() -> None:
     with socket.create_server(("127.0.0.1", 0)) as free:
         port = free.getsockname()[1]
     with model_server(port) as url, connected(url) as policy:
-        assert policy.open() == About(dialect="vla_eval", model="Counts", sessions=1)
+        assert policy.open() == About(
+            dialect="vla_eval", model="Counts", sessions=1, cameras=("front",)
+        )
         heights = []
         for _ in range(2):
             policy.reset("wait", 7)
