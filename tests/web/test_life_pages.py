@@ -106,6 +106,13 @@ def test_a_task_shows_a_chosen_alias_pair_large(client: TestClient) -> None:
     page(client, "/tasks/search_drawer?pair=one", 422)
 
 
+def test_a_pair_that_a_picture_may_tell_apart_does_not_claim_memory(client: TestClient) -> None:
+    claim = "Only what was remembered tells them apart"
+
+    assert claim in page(client, "/tasks/stack_blocks_hard")
+    assert claim not in page(client, "/tasks/real_stack_cups")  # a probe reads it in 84 %
+
+
 def test_a_task_without_an_alias_pair_says_so(client: TestClient) -> None:
     assert "No alias pair" in page(client, "/tasks/stack_blocks")
 
