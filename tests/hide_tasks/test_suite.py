@@ -1,3 +1,7 @@
+import itertools
+from collections import Counter as Counted
+from collections import defaultdict
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -65,6 +69,41 @@ def test_a_grid_is_balanced_and_repeats_no_point_too_early(rows, columns, count,
         assert max(counts) - min(counts) <= 1
     times = [drawn.count(point) for point in grid]
     assert max(times) <= -(-count // len(grid))
+
+
+@given(st.integers(2, 3), st.integers(2, 20), st.integers(2, 5), st.integers(0, 2**32 - 1))
+def test_a_third_axis_is_balanced_too_and_told_by_no_other(counts, colors, extras, seed):
+    grid = Grid(count=tuple(range(counts)), color=tuple(range(colors)), extra=tuple(range(extras)))
+    drawn = grid.balanced(100, np.random.default_rng(seed))
+
+    for axis in ("count", "color"):
+        right, least = guessed(drawn, axis, "extra")
+        assert right <= least + 0.15
+    times = Counted(point["extra"] for point in drawn)
+    assert max(times.values()) - min(times.values()) <= 1
+
+
+@pytest.mark.parametrize("name", ALL_TASKS)
+def test_what_is_told_does_not_tell_what_is_hidden(name):
+    """Nobody guesses better who learns which hidden value goes with a word of the instruction."""
+    task = load(name)
+    hidden = task.axes().keys() - set(task.told())
+    for split in suite.SPLITS:
+        drawn = [spec.variation for spec in suite.episodes(name, split)]
+        for told, axis in itertools.product(task.told(), hidden):
+            right, least = guessed(drawn, told, axis)
+            assert right <= least + 0.08, (split, told, axis)
+
+
+def guessed(drawn, told, hidden):
+    """How often the best rule from one axis to another is right, and how often it must be."""
+    seen = defaultdict(Counted)
+    for point in drawn:
+        seen[point[told]][point[hidden]] += 1
+    values = len({point[hidden] for point in drawn})
+    right = sum(max(times.values()) for times in seen.values())
+    least = sum(-(-times.total() // values) for times in seen.values())
+    return right / len(drawn), least / len(drawn)
 
 
 @given(st.lists(st.floats(0, 0.01), max_size=60))
