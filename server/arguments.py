@@ -55,6 +55,8 @@ def chosen_tasks(
     if names and category:
         raise BadUsage("--tasks and --category exclude each other; give one of them.")
     named = [name.strip() for name in names.split(",") if name.strip()]
+    if names and not named:
+        raise BadUsage(f"--tasks {names}: names no task; leave it out for all, or name some.")
     wanted = named or SUITES[suite or "hide"]
     try:
         categories = {name: load(name).category for name in wanted}

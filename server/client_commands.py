@@ -55,7 +55,7 @@ def submit(
         str | None, Option(metavar="NAME", help="hide, hide-hard or real4; default: hide.")
     ] = None,
     category: Annotated[str | None, Option(help="Only tasks of this kind: RC, HSR, EPT.")] = None,
-    split: Annotated[str, Option(help="train, val or test.")] = "test",
+    split: Annotated[str, Option(help="train, val, test or test100.")] = "test",
     episodes: Annotated[int | None, Option(help="Per task, the first so many.")] = None,
     maps: Annotated[
         Path | None, Option(metavar="FILE", help="For ws://…: what the policy sees, how it acts.")
@@ -156,8 +156,10 @@ def _token() -> str | None:
 
 
 def _count(episodes: int | None, split: str) -> int | None:
-    if split not in ("train", "val", "test"):
-        raise BadUsage(f"--split {split}: is not one of train, val, test.")
+    from hide_tasks.suite import SPLITS
+
+    if split not in SPLITS:
+        raise BadUsage(f"--split {split}: is not one of {', '.join(SPLITS)}.")
     return episode_count(episodes, split)  # type: ignore[arg-type]
 
 

@@ -66,7 +66,7 @@ def of(
         episodes=len(specs),
         shards=sum(-(-number // SHARD_SIZE) for number in counted.values()),
         covers=covers,
-        ranked=covers == "full" and wanted.rules == "hide",
+        ranked=covers in suites.WHOLE and wanted.rules == "hide",
         workers=slots,
         per_minute=60 * len(specs) * slots / seconds if slots else None,
         seconds=seconds / slots if slots else None,

@@ -101,6 +101,9 @@ def covering(split: str, tasks: Iterable[str], episodes: int) -> Covers:
     return "smoke" if whole else "part"
 
 
+WHOLE: tuple[Covers, ...] = ("full", "hide-hard", "real4")  # what a leaderboard ranks
+
+
 def is_whole(evaluation: Evaluation) -> bool:
     """True if it is of every episode of its split, in the version of the suite that is here."""
     whole = "full" if evaluation.suite == suite.SUITE else evaluation.suite

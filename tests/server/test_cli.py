@@ -122,6 +122,7 @@ def test_help(capfd, arguments: list[str]) -> None:
             "eval expert --tasks search_drawer --category RC",
             "--tasks and --category exclude each other",
         ),
+        ("eval expert --tasks ,", "names no task; leave it out for all"),
         ("eval expert --category XX", "'XX' is not one of 'RC', 'HSR', 'EPT'"),
         ("eval expert --split best", "'best' is not one of 'train', 'val', 'test'"),
         ("eval expert --episodes 0", "--episodes 0: test has 25 a task; give 1 to 25"),

@@ -64,7 +64,7 @@ def test_what_does_not_complete_is_exit_status_1(capfd, server: tuple[Hub, str])
         ("submit ws://127.0.0.1:1", "--name: ws://127.0.0.1:1 needs a name"),
         ("submit ws:// --name mine", "'ws://' is no URL such as ws://host:8000"),
         ("submit noop --maps maps.toml", "--maps maps.toml: is for ws://host:port"),
-        ("submit noop --split best", "--split best: is not one of train, val, test"),
+        ("submit noop --split best", "--split best: is not one of train, val, test, test100"),
         ("submit noop --episodes 26", "--episodes 26: test has 25 a task"),
         ("submit noop --tasks fly", "No task 'fly'"),
         ("submit noop --category FOO", "--category FOO: is none; there are RC, HSR, EPT"),

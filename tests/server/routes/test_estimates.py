@@ -44,6 +44,7 @@ def test_a_whole_suite_is_375_episodes_and_ranked(playing: TestClient) -> None:
     assert set(found["tasks"]) == set(SUITES["hide"])
     assert (found["covers"], found["ranked"]) == ("full", True)
     assert not estimate(playing, split="test", episodes=24)["ranked"]
+    assert estimate(playing, suite="real4")["ranked"]
     assert not estimate(playing, rules="parity")["ranked"]
     assert playing.get(f"{API}/evaluations").json()["items"] == []
 
