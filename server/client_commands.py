@@ -160,7 +160,7 @@ def _count(episodes: int | None, split: str) -> int | None:
 
     if split not in SPLITS:
         raise BadUsage(f"--split {split}: is not one of {', '.join(SPLITS)}.")
-    return episode_count(episodes, split)  # type: ignore[arg-type]
+    return episode_count(episodes, split)
 
 
 def _handed_in(
