@@ -7,8 +7,7 @@ import itertools
 import math
 import re
 from abc import ABC, abstractmethod
-from collections import Counter as Tally
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from types import SimpleNamespace
 from typing import ClassVar, Protocol
@@ -76,17 +75,16 @@ class Grid:
         """`count` variations in random order; each value of each axis as often as any other, ±1.
 
         No variation comes twice before all came once if the grid has one axis or two.
+        Of three axes, none tells another if their lengths share no factor.
         """
         axes = {
             name: [values[i] for i in rng.permutation(len(values))]
             for name, values in self.axes.items()
         }
-        first, further = list(axes.values())[:2], list(axes.values())[2:]
-        drawn = [list(self._diagonal(i, first)) for i in range(count)]
-        for values in further:
-            for point, value in zip(drawn, self._dealt(drawn, values, rng), strict=True):
-                point.append(value)
-        points = [dict(zip(axes, point, strict=True)) for point in drawn]
+        points = [
+            dict(zip(axes, self._diagonal(i, list(axes.values())), strict=True))
+            for i in range(count)
+        ]
         return [points[i] for i in rng.permutation(count)]
 
     @staticmethod
@@ -96,30 +94,6 @@ class Grid:
             shift = i // math.lcm(period, len(values)) if period else 0
             period = math.lcm(period or 1, len(values))
             yield values[(i + shift) % len(values)]
-
-    @staticmethod
-    def _dealt(
-        drawn: Sequence[Sequence[Value]], values: Sequence[Value], rng: np.random.Generator
-    ) -> list[Value]:
-        """A value for each point, so that none of the point's own values tells it.
-
-        Of the values that were dealt least, the one that is rarest beside the point's others: one
-        more diagonal would be told by an axis whose length it divides.
-        """
-        beside: Tally[tuple[int, Value, Value]] = Tally()
-        total: Tally[Value] = Tally()
-        found: dict[int, Value] = {}
-
-        def cost(value: Value, point: Sequence[Value]) -> tuple[int, int]:
-            return total[value], sum(beside[n, own, value] for n, own in enumerate(point))
-
-        for i in rng.permutation(len(drawn)).tolist():
-            costs = {value: cost(value, drawn[i]) for value in values}
-            best = [value for value in values if costs[value] == min(costs.values())]
-            found[i] = best[int(rng.integers(len(best)))]
-            total[found[i]] += 1
-            beside.update((n, own, found[i]) for n, own in enumerate(drawn[i]))
-        return [found[i] for i in range(len(drawn))]
 
 
 @dataclass

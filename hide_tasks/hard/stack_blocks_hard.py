@@ -12,6 +12,7 @@ from hide_tasks.assets.block import Block
 from hide_tasks.assets.block_sets import MASS, SIZE, scatter_blocks
 from hide_tasks.assets.dispenser import BlockDispenser
 from hide_tasks.contract import Failure
+from hide_tasks.hard import TOLD_COLORS
 from hide_tasks.motion.blocks import rise_from
 from hide_tasks.poses import Array, point
 from hide_tasks.task import Alias, Checks, Grid, Moment, Stage
@@ -32,7 +33,7 @@ class StackBlocksHard(StackBlocks):
         "put {count} more {color} blocks on top of the one in the dispenser, one after the other",
         "place {count} of the {color} cubes on the dispenser's top cube",
     )
-    variations = Grid(count=COUNTS, color=StackBlocks.variations.axes["color"])
+    variations = Grid(count=COUNTS, color=TOLD_COLORS)
     histories = Grid(extra=EXTRAS)
     keyframes = frozenset({12, 18, 24})
     failures: ClassVar = {

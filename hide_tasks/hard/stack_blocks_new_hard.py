@@ -10,11 +10,12 @@ from typing import ClassVar
 from hide_tasks.assets.block_sets import SIZE, scatter_blocks
 from hide_tasks.assets.posting import PostingBox
 from hide_tasks.contract import Failure
+from hide_tasks.hard import TOLD_COLORS
 from hide_tasks.poses import Array, point
 from hide_tasks.task import Alias, Grid, Moment
 from hide_tasks.tasks.stack_blocks_new import CONTAINER_AT, OVER_RIM, StackBlocksNew
 
-COUNTS, EXTRAS = (2, 3), (0, 1, 2, 3)  # one block needs no memory: the hand is at the container
+COUNTS, EXTRAS = (2, 3), (0, 1, 2)  # one block needs no memory: the hand is at the container
 MOST = COUNTS[-1] + EXTRAS[-1]  # blocks of the colour, those inside from the start among them
 OTHERS = 2
 MOVES = 5  # keyframes of a block
@@ -27,7 +28,7 @@ class StackBlocksNewHard(StackBlocksNew):
         "post {count} of the {color} cubes through the flap of the box in the middle of the table",
         "drop {count} {color} {blocks} through the opening of the closed container",
     )
-    variations = Grid(count=COUNTS, color=StackBlocksNew.variations.axes["color"])
+    variations = Grid(count=COUNTS, color=TOLD_COLORS)
     histories = Grid(extra=EXTRAS)
     keyframes = frozenset({11, 16})
     remembers = "how many blocks were put into the container"

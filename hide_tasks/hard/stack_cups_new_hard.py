@@ -13,6 +13,7 @@ from hide_tasks.assets.block_sets import other_than
 from hide_tasks.assets.cup import Cup
 from hide_tasks.assets.dispenser import CupDispenser
 from hide_tasks.contract import Failure, Value
+from hide_tasks.hard import TOLD_COLORS
 from hide_tasks.layout import Area
 from hide_tasks.poses import Array, point
 from hide_tasks.task import Alias, Grid, Moment
@@ -32,7 +33,7 @@ class StackCupsNewHard(StackCupsNew):
         "put {number} of the other cups into the tall {color} cup",
         "leave the {color} cup where it is and stack {cups} in it",
     )
-    variations = Grid(color=NAMES, number=tuple(NUMBERS))
+    variations = Grid(color=TOLD_COLORS, number=tuple(NUMBERS))
     histories = Grid(extra=EXTRAS)
     keyframes = frozenset({11, 16})
     withdrawn = 0.31  # m: no way from the tall cup to the next one is so high
