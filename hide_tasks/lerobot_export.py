@@ -1,15 +1,18 @@
 """A folder of demonstrations in LeRobot's format: dense actions, what cameras saw, what was hidden.
 
 While episodes are recorded they lie in `.parts`, each whole or not there. When all that were
-asked for are, the set is put together beside its place and moved there: a folder without
-`meta/info.json` is not finished, and the same command goes on.
+asked for are, the set is put together in `.whole`, which becomes `.ready`, and moved to its place:
+a folder without `meta/info.json` is not finished, and the same command goes on.
 """
 
+import errno
+import fcntl
 import importlib.util
 import json
 import os
 import shutil
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self
@@ -24,7 +27,8 @@ from hide_tasks.sources import sources_hash
 
 FORMAT = 1
 REQUEST = "hide.json"
-PARTS, WHOLE = ".parts", ".whole"
+PARTS, WHOLE, READY = ".parts", ".whole", ".ready"
+FOLDERS = ("data", "videos", "meta")  # in the order that they come: meta says that it is whole
 PACKAGES = ("av", "pyarrow")
 
 
@@ -43,14 +47,32 @@ class Export:
         """
         _require_packages()
         request = _request(tasks, split, episodes)
-        if path.exists() and (not path.is_dir() or any(path.iterdir())):
+        export = cls(path)
+        if path.exists() and (not path.is_dir() or _begun(path)):
             _require_same(path, request)
+            export._require_ours()
         else:
             path.mkdir(parents=True, exist_ok=True)
-            part = path / f".{REQUEST}.part"
-            part.write_text(json.dumps(request, indent=1) + "\n")
-            part.replace(path / REQUEST)
-        return cls(path)
+            export._write(request)
+        return export
+
+    @classmethod
+    @contextmanager
+    def opened(
+        cls, path: Path, tasks: Sequence[str], split: Split, episodes: int | None
+    ) -> Iterator[Self]:
+        """`prepare`, and no other process that comes this way writes until the block ends.
+
+        Raises:
+            DemosError: as `prepare`, or another export is at work in the folder.
+        """
+        export = cls.prepare(path, tasks, split, episodes)
+        if export.finished:
+            yield export
+            return
+        (path / PARTS).mkdir(exist_ok=True)
+        with _held(path / PARTS / ".lock"):
+            yield cls.prepare(path, tasks, split, episodes)  # again: it may have changed
 
     @property
     def finished(self) -> bool:
@@ -81,36 +103,65 @@ class Export:
     def refused(self, specs: Sequence[EpisodeSpec]) -> list[str]:
         """The names of the episodes that are left out."""
         if self.finished:
-            return list(json.loads((self.path / REQUEST).read_text()).get("left_out", []))
+            return list(self._read().get("left_out", []))
         return [spec.name for spec in specs if self._refusal(spec).is_file()]
 
     def finish(self, specs: Sequence[EpisodeSpec]) -> None:
         """Puts the data set together, once every episode is recorded or refused.
 
         Raises:
-            DemosError: none was exact.
+            DemosError: none was exact, or something else lies where the set goes.
         """
         if self.finished or not all(map(self._settled, specs)):
             return
+        ready = self.path / READY
+        if not ready.is_dir():
+            self._put_together(specs)
+        self._require_ours()
+        for name in FOLDERS:
+            if (ready / name).is_dir():
+                (ready / name).replace(self.path / name)
+        for folder in (ready, self.path / PARTS):
+            shutil.rmtree(folder, ignore_errors=True)
+
+    def _put_together(self, specs: Sequence[EpisodeSpec]) -> None:
         parts = [Part(self._part(spec)) for spec in specs if self._part(spec).is_dir()]
         if not parts:
             raise DemosError(f"{self.path}: no episode was exact, so there is no data set.")
         from hide_tasks.lerobot_whole import put_together
 
         whole = self.path / WHOLE
-        for folder in (whole, *(self.path / name for name in ("data", "videos"))):
-            shutil.rmtree(folder, ignore_errors=True)
+        shutil.rmtree(whole, ignore_errors=True)
         put_together(parts, whole)
-        self._note(self.refused(specs))
-        for name in ("data", "videos", "meta"):  # meta says that it is whole
-            (whole / name).replace(self.path / name)
-        for folder in (whole, self.path / PARTS):
-            shutil.rmtree(folder)
+        found = sorted(file for file in whole.rglob("*") if file.is_file())
+        files = {file.relative_to(whole).as_posix(): file.stat().st_size for file in found}
+        self._write({**self._read(), "left_out": self.refused(specs), "files": files})
+        whole.replace(self.path / READY)
 
-    def _note(self, left_out: list[str]) -> None:
-        request = json.loads((self.path / REQUEST).read_text())
+    def _require_ours(self) -> None:
+        """Raises a DemosError if the set was altered, or something else lies where it goes."""
+        if self.finished:
+            for name, size in self._read().get("files", {}).items():
+                file = self.path / name
+                if not file.is_file() or file.stat().st_size != size:
+                    raise DemosError(
+                        f"{file} is not as it was exported: {size} bytes. Export to a new folder."
+                    )
+            return
+        ready = self.path / READY
+        for name in FOLDERS:
+            if (self.path / name).exists() and ((ready / name).exists() or not ready.is_dir()):
+                raise DemosError(
+                    f"{self.path / name} is not of this export, which is not finished. "
+                    "Move it away, or give another folder."
+                )
+
+    def _read(self) -> dict[str, Any]:
+        return dict(json.loads((self.path / REQUEST).read_text()))
+
+    def _write(self, document: dict[str, Any]) -> None:
         part = self.path / f".{REQUEST}.part"
-        part.write_text(json.dumps({**request, "left_out": left_out}, indent=1) + "\n")
+        part.write_text(json.dumps(document, indent=1) + "\n")
         os.replace(part, self.path / REQUEST)
 
     def _part(self, spec: EpisodeSpec) -> Path:
@@ -133,6 +184,24 @@ def _request(tasks: Sequence[str], split: Split, episodes: int | None) -> dict[s
         "episodes": episodes,
         "sources": {task: sources_hash(task, certified=True) for task in tasks},
     }
+
+
+def _begun(path: Path) -> bool:
+    """Whether a folder holds more than what is left of an export killed in its first moment."""
+    return any(entry.name != f".{REQUEST}.part" for entry in path.iterdir())
+
+
+@contextmanager
+def _held(path: Path) -> Iterator[None]:
+    with path.open("a") as lock:
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            if error.errno not in (errno.EWOULDBLOCK, errno.EACCES):
+                raise
+            message = f"Another export is at work in {path.parent.parent}; wait, or give another."
+            raise DemosError(message) from None
+        yield
 
 
 def _require_same(path: Path, request: dict[str, Any]) -> None:

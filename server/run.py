@@ -5,9 +5,10 @@ import signal
 from collections.abc import Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import ExitStack
 from pathlib import Path
 from time import monotonic
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 from hide_tasks.contract import EpisodeSpec, Split
 from server.arguments import BadUsage
@@ -18,6 +19,9 @@ from workers.policies import BadPolicy
 from workers.results import Results
 from workers.run_folder import FolderError
 from workers.sandbox.choice import NoSandbox
+
+if TYPE_CHECKING:
+    from hide_tasks.lerobot_export import Export
 
 
 def run(evaluation: Evaluation, folder: Path, workers: int | None = None) -> Results:
@@ -100,21 +104,30 @@ def export_lerobot(
     from hide_tasks.demos import DemosError
     from hide_tasks.lerobot_export import Export
 
-    try:
-        export = Export.prepare(folder, tasks, split, episodes)
-    except DemosError as error:
-        raise BadUsage(str(error)) from None
-    wanted = _episodes(tasks, split, episodes)
-    failures = _record(export, folder, wanted, workers)
+    with ExitStack() as until:
+        try:
+            export = until.enter_context(Export.opened(folder, tasks, split, episodes))
+        except DemosError as error:
+            raise BadUsage(str(error)) from None
+        return _export(export, _episodes(tasks, split, episodes), workers)
+
+
+def _export(export: "Export", wanted: Sequence[EpisodeSpec], workers: int | None) -> int:
+    from hide_tasks.demos import DemosError
+
+    failures = _record(export, export.path, wanted, workers)
     with reporting() as reporter:
         try:
             export.finish(wanted)
         except DemosError as error:
+            failures = failures or 1
             reporter.say(str(error))
         if names := export.refused(wanted):
             reporter.say(f"{len(names)} left out of {len(wanted)}: {', '.join(names)}")
         if export.finished:
-            reporter.say(f"{folder}: a LeRobotDataset of {len(wanted) - len(names)} episodes")
+            count = len(wanted) - len(names)
+            say = f"a LeRobotDataset of {count} episode{'s' * (count != 1)}"
+            reporter.say(f"{export.path}: {say}")
         return len(names) or failures
 
 

@@ -1,6 +1,7 @@
 """The export for LeRobot: a folder of the format's facts, whole or not there, that replays."""
 
 import json
+import shutil
 
 import av
 import numpy as np
@@ -196,10 +197,83 @@ def test_an_interrupted_export_goes_on(whole, tmp_path):
     assert not again.finished
     assert again.left(SPECS) == [SPECS[1]]
     again.add(SPECS[1])
-    (tmp_path / "set" / "data").mkdir()  # as if it had been killed while it was put together
+    (tmp_path / "set" / ".whole").mkdir()  # as if it had been killed while it was put together
     again.finish(SPECS)
     assert frames(again).equals(frames(whole))
     assert document(again, form.STATS) == document(whole, form.STATS)
+    assert names(again.path) == {"hide.json", "data", "meta", "videos"}
+
+
+def test_an_export_killed_while_its_folders_were_moved_goes_on(whole, tmp_path):
+    shutil.copytree(whole.path, tmp_path / "set")
+    ready = tmp_path / "set" / ".ready"
+    ready.mkdir()
+    for name in ("videos", "meta"):
+        (tmp_path / "set" / name).rename(ready / name)
+    (tmp_path / "set" / ".parts").mkdir()
+    for spec in SPECS:
+        (tmp_path / "set" / ".parts" / spec.name).mkdir()
+
+    again = Export.prepare(tmp_path / "set", *ASKED)
+    again.finish(SPECS)
+
+    assert again.finished
+    assert names(again.path) == {"hide.json", "data", "meta", "videos"}
+
+
+@pytest.mark.parametrize("name", ["data", "videos", "meta"])
+def test_what_others_put_where_the_set_goes_is_left_alone(tmp_path, name):
+    export = Export.prepare(tmp_path / "set", *ASKED)
+    theirs = tmp_path / "set" / name / "thesis.tex"
+    theirs.parent.mkdir()
+    theirs.touch()
+
+    with pytest.raises(DemosError, match=f"{name} is not of this export"):
+        Export.prepare(tmp_path / "set", *ASKED)
+    for spec in SPECS:
+        export.add(spec)
+    with pytest.raises(DemosError, match=f"{name} is not of this export"):
+        export.finish(SPECS)
+    assert theirs.is_file()
+
+    theirs.parent.rename(tmp_path / "elsewhere")
+    export.finish(SPECS)
+    assert export.finished
+
+
+def test_two_exports_do_not_write_into_one_folder_at_once(whole, tmp_path):
+    with (
+        Export.opened(tmp_path / "set", *ASKED),
+        pytest.raises(DemosError, match="Another export is at work in"),
+        Export.opened(tmp_path / "set", *ASKED),
+    ):
+        pass
+    with Export.opened(tmp_path / "set", *ASKED) as export:
+        assert not export.finished
+    with Export.opened(whole.path, *ASKED), Export.opened(whole.path, *ASKED) as export:
+        assert export.finished
+    assert names(whole.path) == {"hide.json", "data", "meta", "videos"}
+
+
+def test_an_export_killed_in_its_first_moment_begins_anew(tmp_path):
+    (tmp_path / ".hide.json.part").write_text("{")
+
+    Export.prepare(tmp_path, *ASKED)
+
+    assert names(tmp_path) == {"hide.json"}
+
+
+def test_a_finished_set_that_lacks_a_file_is_told(whole, tmp_path):
+    shutil.copytree(whole.path, tmp_path / "set")
+    video = next((tmp_path / "set" / "videos").rglob("*.mp4"))
+    video.unlink()
+
+    with pytest.raises(DemosError, match=rf"{video.name} is not as it was exported"):
+        Export.prepare(tmp_path / "set", *ASKED)
+
+
+def names(folder):
+    return {path.name for path in folder.iterdir()}
 
 
 def test_an_episode_that_is_not_exact_is_named_and_left_out(tmp_path, monkeypatch):
