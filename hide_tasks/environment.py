@@ -104,11 +104,12 @@ class HideEnvironment(gymnasium.Env[dict[str, Any], NDArray[np.float64]]):
         """Begin the episode that `options` name by its `index`, else one that the seed draws.
 
         Raises:
-            ValueError: `options` hold something else, or the split has no such episode.
+            ValueError: `options` hold something else, or the split has no such episode; the
+                episode that was begun goes on.
         """
         super().reset(seed=seed)
+        spec = suite.episode(self.task, self.split, self._index({} if options is None else options))
         self.close()
-        spec = suite.episode(self.task, self.split, self._index(options or {}))
         self._world = World(suite.build(spec))
         self._episode = Episode(spec, self._world, self.rules, budget_of(spec, self.rules))
         self._seen = self._world.observe()
@@ -120,7 +121,8 @@ class HideEnvironment(gymnasium.Env[dict[str, Any], NDArray[np.float64]]):
         """Take an action.
 
         Raises:
-            InvalidAction: not a row of the action space's width, or not finite.
+            InvalidAction: not a row of numbers of the action space's width, not finite, or with
+                a quaternion of no length; nothing has moved.
             gymnasium.error.ResetNeeded: the episode is over, or none was begun.
         """
         if self._world is None or self._episode.over():
@@ -152,14 +154,22 @@ class HideEnvironment(gymnasium.Env[dict[str, Any], NDArray[np.float64]]):
             self._world = None
 
     def _index(self, options: dict[str, Any]) -> int:
+        if not isinstance(options, dict):
+            raise ValueError(f'Options are {options!r}; expected a dictionary as {{"index": 3}}.')
         if others := options.keys() - {"index"}:
-            raise ValueError(f"No option {', '.join(sorted(others))}; there is index.")
+            raise ValueError(f"No option {', '.join(sorted(map(str, others)))}; there is index.")
         if "index" in options:
-            return int(options["index"])
+            index = options["index"]
+            if isinstance(index, bool) or not isinstance(index, int | np.integer):
+                raise ValueError(f"Option index is {index!r}; expected a whole number.")
+            return int(index)
         return int(self.np_random.integers(suite.SPLITS[self.split]))
 
     def _parsed(self, action: NDArray[np.float64]) -> Action:
-        row = np.asarray(action, np.float64)
+        try:
+            row = np.asarray(action, np.float64)
+        except (TypeError, ValueError):
+            raise InvalidAction(f"The action is no row of numbers: {action!r}.") from None
         if row.shape != self.action_space.shape:
             raise InvalidAction(
                 f"The action has shape {row.shape}; expected {self.action_space.shape} "
@@ -201,7 +211,7 @@ def observation_space(cameras: tuple[str, ...]) -> spaces.Dict:
 
 
 def action_space(mode: ActionMode) -> spaces.Space[NDArray[np.float64]]:
-    """Of an action mode; any number is accepted, these are the bounds to sample from."""
+    """Of an action mode: the bounds to sample from; what lies beyond them is taken, too."""
     low, high = np.array(BOUNDS).T
     limits = {
         "keyframe": ([*low, -1, -1, -1, -1, 0], [*high, 1, 1, 1, 1, 1]),

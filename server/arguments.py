@@ -49,9 +49,9 @@ def chosen_tasks(
     from hide_tasks.contract import Category
 
     if suite not in (None, *SUITES):
-        raise BadUsage(f"--suite {suite}: is none; there are {', '.join(SUITES)}.")
+        raise BadUsage(f"--suite {suite}: no such suite; there are {', '.join(SUITES)}.")
     if category not in (None, *Category):
-        raise BadUsage(f"--category {category}: is none; there are {', '.join(Category)}.")
+        raise BadUsage(f"--category {category}: no such category; there are {', '.join(Category)}.")
     if names and category:
         raise BadUsage("--tasks and --category exclude each other; give one of them.")
     named = [name.strip() for name in names.split(",") if name.strip()]

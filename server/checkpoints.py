@@ -28,7 +28,7 @@ from server.models import Evaluation, Policy, PolicyVersion
 from server.problems import Problem, invalid
 from server.schemas.evaluations import EvaluationCreate
 from server.settings import Settings
-from server.suites import SMOKE_SPLIT
+from server.suites import SMOKE_SPLIT, smoke_tasks
 from workers.conversion import convert
 from workers.policies import (
     MISMATCH,
@@ -268,5 +268,5 @@ def _first_try(version: PolicyVersion) -> EvaluationCreate:
     suite = version.spec.get("suite", SUITE)
     if suite == SUITE or not SUITES.get(suite):
         return EvaluationCreate(policy=version.id, suite="smoke")
-    tasks = list(SUITES[suite])
+    tasks = list(smoke_tasks(suite))
     return EvaluationCreate(policy=version.id, tasks=tasks, split=SMOKE_SPLIT, episodes=1)

@@ -7,7 +7,7 @@ in the list of processes.
 import os
 import re
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from enum import StrEnum
 from pathlib import Path
@@ -71,6 +71,8 @@ def submit(
     wanted: dict[str, Any] = {"split": split, "episodes": _count(episodes, split)}
     if tasks or category or suite:
         wanted["tasks"] = list(chosen_tasks(tasks, category, suite))
+    if policy.endswith(SUFFIX):
+        _require_fit(Path(policy), wanted.get("tasks") or chosen_tasks("", None, None))
     with connected(server) as client:
         version = _handed_in(client, policy, name, description, maps)
         evaluation = client.evaluate(version, **wanted)
@@ -184,9 +186,22 @@ def _handed_in(
     return client.policy(policy).id
 
 
-def _uploaded(client: "Client", file: Path, name: str, description: str) -> str:
+def _require_fit(file: Path, tasks: Sequence[str]) -> None:
+    """Raises BadUsage, before anything is uploaded, if the weights are of another suite."""
+    from seek_model.checkpoint_header import BadCheckpoint, read_header
+    from workers.fitness import is_of_another_suite
+
     if not file.is_file():
         raise BadUsage(f"No checkpoint {file}.")
+    try:
+        trained_on = read_header(file).provenance.suite
+    except BadCheckpoint as error:
+        raise BadUsage(f"{file} is no checkpoint: {error}.") from None
+    if reason := is_of_another_suite(file.stem, trained_on, tasks):
+        raise BadUsage(reason)
+
+
+def _uploaded(client: "Client", file: Path, name: str, description: str) -> str:
     shown = -1
 
     def told(come: int, size: int) -> None:

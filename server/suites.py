@@ -65,17 +65,17 @@ def resolved(wanted: EvaluationCreate) -> EvaluationCreate:
 
 
 @cache
-def _by_category() -> dict[str, list[str]]:
+def _by_category(name: str = suite.SUITE) -> dict[str, list[str]]:
     found: dict[str, list[str]] = {str(category): [] for category in Category}
-    for task in SUITES[suite.SUITE]:
+    for task in SUITES[name]:
         found[str(load(task).category)].append(task)
     return found
 
 
 @cache
-def smoke_tasks() -> tuple[str, ...]:
-    """Of each category the task that takes the fewest decisions."""
-    groups = [tasks for tasks in _by_category().values() if tasks]
+def smoke_tasks(name: str = suite.SUITE) -> tuple[str, ...]:
+    """Of each category of a suite the task that takes the fewest decisions."""
+    groups = [tasks for tasks in _by_category(name).values() if tasks]
     return tuple(in_order([min(tasks, key=lambda task: load(task).budget()) for tasks in groups]))
 
 

@@ -7,8 +7,8 @@ from fastapi import Query, Request
 from fastapi.responses import HTMLResponse
 from sqlalchemy.orm import Session
 
-from hide_tasks import suite
 from hide_tasks.contract import Category
+from hide_tasks.suite import SPLITS, SUITE
 from server import evaluations, policies, suites, tasks
 from server.access import Router, Scope, needs
 from server.deps import Reading, TheHub, ThePrincipal
@@ -16,9 +16,10 @@ from server.models import Evaluation
 from server.routes.uploads import list_uploads
 from server.schemas.evaluations import EvaluationPublic
 from server.schemas.policies import PolicyVersionPublic
-from server.suites import BOARDS
+from server.suites import BOARDS, BoardName
 from web.templating import page
 from web.wording import WIRES
+from workers.protocol import CheckpointPolicy
 
 router = Router(include_in_schema=False)
 
@@ -46,6 +47,7 @@ def show_form(
     principal: ThePrincipal,
     policy: Annotated[str | None, Query(max_length=100)] = None,
     like: Annotated[str | None, Query(max_length=40)] = None,
+    suite: BoardName | None = None,
     upload: bool = False,
     source: Source | None = None,
 ) -> HTMLResponse:
@@ -53,6 +55,7 @@ def show_form(
 
     Args:
         like: an evaluation that asked for the same.
+        suite: what it plays, unless `like` says it; else what its policy was trained on.
         upload: as `source=upload`.
     """
     unfinished = list_uploads(session, hub, principal)
@@ -60,6 +63,7 @@ def show_form(
     begun = any(one.offset < one.length for one in unfinished)
     named = policy or like
     versions = policies.versions(session)
+    chosen = _chosen(versions, before.policy_version_id if before else policy)
     shown = {
         "source": source or ("upload" if upload or (begun and not named) else "here"),
         "unfinished": unfinished,
@@ -69,9 +73,13 @@ def show_form(
         "versions": versions,
         "suites": {name: tasks.catalogue(name) for name in BOARDS},
         "categories": list(Category),
-        "chosen": _chosen(versions, before.policy_version_id if before else policy),
+        "chosen": chosen,
         "like": _public(session, before),
-        "preset": _preset(before, at_most=100 if principal.may(Scope.MAINTAIN) else 0),
+        "preset": _preset(
+            before,
+            suite or _trained_on(versions, chosen),
+            at_most=100 if principal.may(Scope.MAINTAIN) else 0,
+        ),
     }
     return page(request, "evaluation_new.html", shown)
 
@@ -88,11 +96,18 @@ def _public(session: Session, before: Evaluation | None) -> EvaluationPublic | N
     return evaluations.public(session, before) if before else None
 
 
-def _preset(before: Evaluation | None, *, at_most: int) -> Preset:
+def _trained_on(versions: Sequence[PolicyVersionPublic], chosen: str | None) -> str:
+    """The suite of a checkpoint's demonstrations; the paper's of every other policy."""
+    found = next((one.spec for one in versions if one.id == chosen), None)
+    suite = found.suite if isinstance(found, CheckpointPolicy) else SUITE
+    return suite if suite in BOARDS else SUITE
+
+
+def _preset(before: Evaluation | None, suite: str, *, at_most: int) -> Preset:
     if before is None:
-        return Preset()
+        return Preset(choice="" if suite == SUITE else suite)
     covers = suites.covers(before)
-    most = suite.SPLITS.get(before.split)  # type: ignore[call-overload]
+    most = SPLITS.get(before.split)  # type: ignore[call-overload]
     return Preset(
         choice={"full": "", "part": "some", "smoke": "some"}.get(covers, covers),
         tasks=before.tasks if covers in ("part", "smoke") else (),

@@ -14,6 +14,7 @@ from markupsafe import Markup, escape
 
 from hide_tasks.machine import installed
 from seek_model import trained
+from server.suites import without_version
 from web import aliases, belief_track, charts, wording
 
 HERE = Path(__file__).parent
@@ -113,4 +114,5 @@ ENVIRONMENT.filters.update(
     size=wording.size,
     action=wording.action,
     breakable=breakable,
+    suite=without_version,
 )

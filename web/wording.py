@@ -10,7 +10,7 @@ THIN = "\N{NARROW NO-BREAK SPACE}"
 ABOUT_SUITES = {
     "hide": "the paper's fifteen tasks",
     "hide-hard": "tasks of the paper whose pictures tell what is hidden, with that leak closed",
-    "real4": "test twins of the paper's four real-robot tasks, seen by one camera",
+    "real4": "the paper's four real-robot tasks in simulation, seen by one camera",
 }
 CATEGORIES = {
     Category.REPETITION_COUNTING: "repetition counting",

@@ -152,15 +152,31 @@ def test_an_environment_that_cannot_be_is_told_what_there_is(kwargs, message):
 
 @pytest.mark.parametrize(
     ("options", "message"),
-    [({"variation": 1}, "No option variation"), ({"index": 25}, "0 to 24")],
+    [
+        ({"variation": 1}, "No option variation"),
+        ({"index": 25}, "0 to 24"),
+        ({"index": 2.7}, "index is 2.7; expected a whole number"),
+        ({"index": True}, "index is True"),
+        ({"index": "3"}, "index is '3'"),
+        ({3: 4}, "No option 3"),
+        ([3], "expected a dictionary"),
+    ],
 )
 def test_an_episode_that_there_is_not_is_refused(make, options, message):
+    environment = make(split="val")
+    environment.reset(seed=0)
     with pytest.raises(ValueError, match=message):
-        make(split="val").reset(options=options)
+        environment.reset(options=options)
+    environment.step(as_row(_withdrawn()))  # the episode before goes on
 
 
 @pytest.mark.parametrize(
-    ("row", "message"), [(np.zeros(3), r"shape \(3,\); expected \(10,\)"), (None, "finite")]
+    ("row", "message"),
+    [
+        (np.zeros(3), r"shape \(3,\); expected \(10,\)"),
+        (None, "finite"),
+        ("left", "no row of numbers: 'left'"),
+    ],
 )
 def test_an_action_that_is_none_is_refused_and_nothing_moves(make, row, message):
     environment = make().unwrapped

@@ -6,10 +6,13 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from sqlalchemy import select
 
 from hide_tasks import SUITES
 from server import client as clients
 from server.hub import Hub
+from server.models import Upload
+from tests.seek_model.checkpoints import tiny_checkpoint
 from tests.server.clients import served
 from tests.server.test_cli import hide
 from tests.server.test_client import play
@@ -67,7 +70,7 @@ def test_what_does_not_complete_is_exit_status_1(capfd, server: tuple[Hub, str])
         ("submit noop --split best", "--split best: is not one of train, val, test, test100"),
         ("submit noop --episodes 26", "--episodes 26: test has 25 a task"),
         ("submit noop --tasks fly", "No task 'fly'"),
-        ("submit noop --category FOO", "--category FOO: is none; there are RC, HSR, EPT"),
+        ("submit noop --category FOO", "--category FOO: no such category; there are RC, HSR, EPT"),
         ("watch ev_nothing", "No evaluation 'ev_nothing'"),
         ("watch ev_nothing --server nowhere", "nowhere is no address such as http://"),
         ("export ev_nothing", "No evaluation 'ev_nothing'"),
@@ -87,6 +90,18 @@ def test_a_mistake_is_one_clear_line(
     assert (status, output, errors.count("\n")) == (2, "", 1)
     assert errors.startswith("hide: ") and message in errors
     assert list(tmp_path.iterdir()) == []
+
+
+def test_weights_of_another_suite_are_not_uploaded(capfd, tmp_path: Path, server) -> None:
+    hub, _ = server
+    file = tiny_checkpoint(tmp_path / "other.safetensors", suite="real4")
+
+    status, _, errors = hide(capfd, "submit", str(file))
+
+    assert status == 2
+    assert "other was trained on suite real4; these tasks are of hide" in errors
+    with hub.database.reading() as session:
+        assert not session.scalars(select(Upload)).all()
 
 
 def test_the_leaderboard_of_a_suite_is_written(capfd) -> None:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from hide_tasks import SUITES
 from server import lifecycle
 from server.states import EpisodeState
 from tests.server import ledgers
@@ -14,7 +15,7 @@ from tests.web import sites
 from tests.web.conftest import TestClient
 from tests.web.sites import Site
 from web.aliases import clearest, explaining
-from web.wording import ordinal
+from web.wording import ABOUT_SUITES, ordinal
 
 
 def page(client: TestClient, path: str, status: int = 200) -> str:
@@ -93,6 +94,30 @@ def test_a_rerun_fills_the_form_in(client: TestClient, site: Site) -> None:
     assert re.findall(r'name="tasks" value="(\w+)" checked', text) == ["search_drawer"]
     assert 'id="episodes" name="episodes" type="number" min="1" placeholder="all" value="5"' in text
     page(client, "/evaluations/new?like=none", 404)
+
+
+@pytest.mark.parametrize(("asked", "chosen"), [("", ""), ("suite=real4", "real4")])
+def test_the_form_begins_with_the_suite_that_a_page_was_of(
+    client: TestClient, asked: str, chosen: str
+) -> None:
+    text = page(client, f"/evaluations/new?{asked}")
+
+    assert re.findall(r'name="category" value="([\w-]*)"[^>]* checked', text) == [chosen]
+    page(client, "/evaluations/new?suite=rlbench", 422)
+
+
+@pytest.mark.parametrize("suite", ["hide-hard", "real4"])
+def test_an_empty_board_speaks_of_its_own_suite(tmp_path: Path, suite: str) -> None:
+    app = sites.empty(tmp_path)
+    client = TestClient(app, base_url="http://127.0.0.1")
+
+    board = page(client, f"/?suite={suite}")
+    task = page(client, f"/tasks/{SUITES[suite][0]}")
+
+    app.state.hub.stop()
+    assert ABOUT_SUITES[suite] in board
+    for text in (board, task):
+        assert f'href="/evaluations/new?suite={suite}"' in text
 
 
 def test_a_task_shows_a_chosen_alias_pair_large(client: TestClient) -> None:

@@ -11,11 +11,11 @@ import httpx
 import pytest
 import torch
 
-from hide_tasks import SUITES
 from seek_model.checkpoint_header import read_header
 from server import blobs, jobs, lifecycle
 from server.hub import Hub
 from server.models import Blob
+from server.suites import smoke_tasks
 from tests.processes import wait_for
 from tests.seek_model.checkpoints import parts_of, tiny_checkpoint
 from tests.seek_model.tiny import tiny as tiny_config
@@ -102,7 +102,7 @@ def test_a_version_is_first_tried_on_the_suite_that_it_was_trained_on(tmp_path: 
         refused = here.post(f"{API}/evaluations", json={"policy": "mine", "suite": "smoke"})
 
     assert version["spec"]["suite"] == "real4"
-    tasks = list(SUITES["real4"])
+    tasks = list(smoke_tasks("real4"))
     assert (first["tasks"], first["split"], first["episodes"]) == (tasks, "val", 1)
     assert refused.status_code == 422
     assert "trained on suite real4" in refused.json()["errors"][0]["message"]
