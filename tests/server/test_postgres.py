@@ -44,8 +44,8 @@ def execute(database: Database, statement: str) -> None:
 
 def cut_connections(database: Database) -> None:
     """What a restart of PostgreSQL does to those who are connected; they are gone then."""
-    others = "datname = current_database() AND pid <> pg_backend_pid()"
-    execute(database, f"SELECT pg_terminate_backend(pid, 20000) FROM pg_stat_activity WHERE {others}")
+    ended = "SELECT pg_terminate_backend(pid, 20000) FROM pg_stat_activity"
+    execute(database, f"{ended} WHERE datname = current_database() AND pid <> pg_backend_pid()")
 
 
 @pytest.mark.parametrize(
