@@ -121,7 +121,7 @@ def main() -> None:
     print(
         f"{asked.folder}: {data.num_episodes} episodes, {len(data)} frames, "
         f"{data.meta.total_tasks} tasks, all as it should be; {asked.reads / seconds:.0f} frames/s "
-        f"read at random, {count / onward:.0f} in order, each from {len(data.meta.camera_keys)} camera(s)"
+        f"read at random, {count / onward:.0f} in order (cameras: {len(data.meta.camera_keys)})"
     )
 
 
