@@ -51,7 +51,7 @@ class StackBlocksHard(StackBlocks):
         for number in range(MOST, loose - 1, -1):
             self.dispenser.store(number)
         self.targets = blocks[:loose][::-1]  # the last is taken first: then the twin's are left
-        self.layout.hold(self.targets)
+        self.layout.hold([*self.targets, *self.distractors])
 
     def stage(self) -> str:
         stacked = self._stacked()

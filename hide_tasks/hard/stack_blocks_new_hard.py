@@ -42,7 +42,7 @@ class StackBlocksNewHard(StackBlocksNew):
         blocks, self.distractors = scatter_blocks(layout, color, count=MOST, others=OTHERS)
         loose = self.variation.count + self.variation.extra
         self.targets = blocks[:loose][::-1]  # the last is taken first: then the twin's are left
-        layout.hold(self.targets)
+        layout.hold([*self.targets, *self.distractors])
         box = PostingBox(things=[*blocks, *self.distractors], size=SIZE)
         self.container = layout.add(box, *CONTAINER_AT)
         for number in range(loose, MOST):

@@ -224,7 +224,7 @@ def test_demonstrations_for_lerobot_are_recorded_once(capfd, tmp_path: Path) -> 
     status, output, errors = hide(capfd, *command)
 
     assert (status, output) == (0, "")
-    assert "a LeRobotDataset of 1 episodes" in errors
+    assert "a LeRobotDataset of 1 episode\n" in errors
     before = contents(out)
     assert json.loads(before["meta/info.json"])["total_episodes"] == 1
     status, _, errors = hide(capfd, *command)

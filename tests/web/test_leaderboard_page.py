@@ -332,7 +332,7 @@ def test_the_empty_board_of_another_suite_says_which_it_is(client: TestClient) -
 
     [said] = re.findall("<h2 id=.first-title.>(.*?)</h2>", text)
     assert said == "No complete evaluation of suite real4, split test100 yet"
-    assert "over 4 simulated tasks" in text
+    assert "over its 4 tasks" in text
 
 
 def test_a_chart_says_how_many_episodes_a_task_has(client: TestClient) -> None:
