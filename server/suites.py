@@ -1,4 +1,4 @@
-"""What can be evaluated by a name: `smoke`, a category, `full`; the other suites by theirs.
+"""What can be evaluated by a name: `smoke`, a category, a suite; `full` is `hide`, the paper's.
 
 `smoke` asks whether a policy plays at all: one episode of one task of each category, of the
 validation split unless another is named, for a first try should not look at held-out episodes.
@@ -25,7 +25,7 @@ CHOOSES = ("tasks", "category", "episodes")  # what a name chooses by itself
 
 def _with_board(suite: str) -> str:
     if suite not in BOARDS:
-        raise ValueError(f"is '{suite}'; there are leaderboards of {', '.join(BOARDS)}")
+        raise ValueError(f"is '{suite}'; the suites are {', '.join(BOARDS)}")
     return suite
 
 

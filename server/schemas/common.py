@@ -10,7 +10,7 @@ Item = TypeVar("Item")
 Verdict = Literal["success", "exact"]
 PolicyName = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9 _.:+-]{0,79}$")]
 Description = Annotated[str, Field(max_length=2000)]
-SuiteName = Literal["smoke", "RC", "HSR", "EPT", "full", "hide-hard", "real4"]
+SuiteName = Literal["smoke", "RC", "HSR", "EPT", "full", "hide", "hide-hard", "real4"]
 Component = Literal["SCM", "WCM", "PAM"]
 Covers = Literal["smoke", "RC", "HSR", "EPT", "full", "hide-hard", "real4", "part"]
 

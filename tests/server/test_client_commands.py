@@ -75,7 +75,7 @@ def test_what_does_not_complete_is_exit_status_1(capfd, server: tuple[Hub, str])
         ("watch ev_nothing --server nowhere", "nowhere is no address such as http://"),
         ("export ev_nothing", "No evaluation 'ev_nothing'"),
         ("export leaderboard --format zip --out x", "is of an evaluation; give json, csv or latex"),
-        ("export leaderboard --suite best", "there are leaderboards of hide, hide-hard, real4"),
+        ("export leaderboard --suite best", "the suites are hide, hide-hard, real4"),
         ("export leaderboard --suite real4 --format latex --out x", "'real4' there are json, csv"),
         ("export ev_1 --suite real4", "--suite real4: is of the leaderboard"),
     ],

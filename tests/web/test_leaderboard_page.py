@@ -69,7 +69,7 @@ def test_every_state_is_whole_and_all_its_addresses_lead_to_it(
         ("since=soon", "date"),
         ("policy=nobody@1&view=bars", "does not stand on this leaderboard"),
         ("&".join(f"policy=p{n}@1" for n in range(9)), "at most 8"),
-        ("suite=rlbench", "there are leaderboards of hide, hide-hard, real4"),
+        ("suite=rlbench", "the suites are hide, hide-hard, real4"),
         ("category=XX", "RC"),
     ],
 )

@@ -431,7 +431,7 @@ def test_the_tasks_of_a_suite_are_a_page(client: TestClient, suite: str) -> None
 
     there = {name for name in ALL_TASKS if f'href="/tasks/{name}"' in text}
     assert there == set(SUITES[suite])
-    assert "there are leaderboards of hide" in page(client, "/tasks?suite=rlbench", 422)
+    assert "the suites are hide" in page(client, "/tasks?suite=rlbench", 422)
 
 
 def test_a_tasks_page_says_what_it_is_seen_through(client: TestClient) -> None:
