@@ -107,20 +107,21 @@ class Export:
         return [spec.name for spec in specs if self._refusal(spec).is_file()]
 
     def finish(self, specs: Sequence[EpisodeSpec]) -> None:
-        """Puts the data set together, once every episode is recorded or refused.
+        """Puts the data set together, once every episode is recorded or refused, and tidies up.
 
         Raises:
             DemosError: none was exact, or something else lies where the set goes.
         """
-        if self.finished or not all(map(self._settled, specs)):
-            return
         ready = self.path / READY
-        if not ready.is_dir():
-            self._put_together(specs)
-        self._require_ours()
-        for name in FOLDERS:
-            if (ready / name).is_dir():
-                (ready / name).replace(self.path / name)
+        if not self.finished:
+            if not all(map(self._settled, specs)):
+                return
+            if not ready.is_dir():
+                self._put_together(specs)
+            self._require_ours()
+            for name in FOLDERS:
+                if (ready / name).is_dir():
+                    (ready / name).replace(self.path / name)
         for folder in (ready, self.path / PARTS):
             shutil.rmtree(folder, ignore_errors=True)
 
@@ -145,7 +146,8 @@ class Export:
                 file = self.path / name
                 if not file.is_file() or file.stat().st_size != size:
                     raise DemosError(
-                        f"{file} is not as it was exported: {size} bytes. Export to a new folder."
+                        f"{file} is not the {size} bytes that were exported. "
+                        "Export to a new folder."
                     )
             return
         ready = self.path / READY
