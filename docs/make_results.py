@@ -3,8 +3,10 @@
     .venv/bin/python -m docs.make_results               # the pages anew from docs/study
     .venv/bin/python -m docs.make_results build/study   # from what `make reproduce` left there
 
-`docs/study` has every number: `results.json`, `times.json`, `curves`, and what other measurements
-put beside it (`keyframes.json`, `oracles.json`). The pages follow from these files alone.
+Runs that were published before stay beside those that are new, if they went on from the same first
+phase: what was measured on one machine is not lost when another one goes on. `docs/study` has every
+number: `results.json`, `times.json`, `curves`, and what other measurements put beside it
+(`keyframes.json`, `oracles.json`). The pages follow from these files alone.
 """
 
 import argparse
@@ -44,7 +46,12 @@ Results = dict[str, Any]
 
 
 def collected(
-    study: Study, out: Path, *, data: Path | None = None, first: Path | None = None
+    study: Study,
+    out: Path,
+    *,
+    data: Path | None = None,
+    first: Path | None = None,
+    before: Results | None = None,
 ) -> Results:
     """Every number of a study.
 
@@ -53,12 +60,16 @@ def collected(
         out: the folder of `docs.reproduce`.
         data: of the server; default: in it.
         first: the shared first phase's weights; default: in it.
+        before: numbers of the same study whose runs stay where there are none of this folder.
     """
+    shared = _first(first or out / "runs/first/checkpoint-first.safetensors", out)
     records = results_measured.read(study, data or out / "data")
     for run in study.measured:
         if run.name in records:
             pace = results_curves.samples_per_second(results_curves.kept(out / "runs" / run.name))
             records[run.name]["samples_per_second"] = pace
+    if before:
+        shared, records = _beside_former(before, shared, records)
     tasks = shown(study)
     return {
         "study": study.name,
@@ -67,7 +78,7 @@ def collected(
         "episodes": results_measured.episodes_of(study),
         "statistics": f"{statistics.METHOD}; {seeds.METHOD}",
         "tasks": {task: _task(task) for task in tasks},
-        "first": _first(first or out / "runs/first/checkpoint-first.safetensors", out),
+        "first": shared,
         "runs": {run.name: records[run.name] for run in study.measured if run.name in records},
         "references": {name: records[name] for name in REFERENCES if name in records},
         **{verdict: computed(study, records, verdict, tasks) for verdict in VERDICTS},
@@ -103,6 +114,21 @@ def _first(path: Path, out: Path) -> Results | None:
     }
 
 
+def _beside_former(
+    before: Results, shared: Results | None, records: Results
+) -> tuple[Results | None, Results]:
+    """The first phase and the records, former ones too where they are of the same first phase."""
+    shared = shared or before["first"]
+    former = dict(before["references"])
+    for name, record in before["runs"].items():
+        if shared and record["provenance"]["start"] == shared["sha256"]:
+            former[name] = record
+    if shared and before["first"] and shared["sha256"] == before["first"]["sha256"]:
+        pace = shared["samples_per_second"] or before["first"]["samples_per_second"]
+        shared = shared | {"samples_per_second": pace}
+    return shared, former | records
+
+
 def computed(study: Study, records: Results, verdict: str, tasks: Sequence[str]) -> Results:
     """What follows from the records of runs, by one verdict."""
     of = Computed(study, {name: records[name] for name in records if name not in REFERENCES},
@@ -127,13 +153,18 @@ def spent(out: Path) -> dict[str, dict[str, float]]:
 
 
 def times(out: Path, found: Results) -> dict[str, Any]:
-    """Seconds of one step of each kind, measured; trainings know their own, over all restarts."""
+    """Seconds of the machine that one step of each kind took, measured.
+
+    Trainings know their own seconds, over all restarts. Those of a second phase count only where
+    nothing else is known: others may have been trained beside it.
+    """
     of_kind = {kind: dict(by_name) for kind, by_name in spent(out).items()}
     records = {"first": {"first": found["first"]}, "second": found["runs"]}
     for kind, of_runs in records.items():
         for name, record in of_runs.items():
             trained = record["provenance"]["seconds"] if record else 0.0
-            if seconds := max(trained, of_kind.get(kind, {}).get(name, 0.0)):
+            known = of_kind.get(kind, {}).get(name, 0.0)
+            if seconds := (known or trained) if kind == "second" else max(trained, known):
                 of_kind.setdefault(kind, {})[name] = seconds
     rounded = {kind: round(fmean(of_kind[kind].values()), 1) for kind in sorted(of_kind)}
     return {"processors": os.cpu_count(), "seconds": rounded}
@@ -179,7 +210,7 @@ def _write_times(study: Study, out: Path, folder: Path, found: Results) -> None:
 
 def publish(study: Study, out: Path, **where: Path | None) -> None:
     """The same into this repository; of a study that is not the full one, how long it took."""
-    found = collected(study, out, **where)
+    found = collected(study, out, before=committed(study), **where)
     if study is FULL:
         _write_numbers(study, out, STUDY, found)
         render(ROOT)

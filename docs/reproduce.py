@@ -5,7 +5,8 @@ Run it with: make reproduce, or .venv/bin/python -m docs.reproduce [--tiny] [--p
 Everything lies in one folder: `demos`, `runs/RUN`, the `data` of a server of its own, `exports`,
 and `tables` with the results page. What is there is not done again. Days of work are split with
 `--only`: a run that another machine trained counts once its `checkpoint.safetensors` (and its
-`losses.jsonl`, for the curves) lies in `runs/RUN`.
+`losses.jsonl`, for the curves) lies in `runs/RUN`, and what was published there stays in the tables
+that are published here.
 """
 
 import argparse
@@ -49,7 +50,7 @@ def options() -> argparse.Namespace:
     add("--tiny", action="store_true", help="the same chain in minutes: three tasks, few steps")
     add("--plan", action="store_true", help="say what would be done, and stop")
     add("--out", type=Path, help="its folder; default: build/study, or build/study-tiny")
-    add("--only", metavar="RUN,…", help="train and evaluate these runs alone")
+    add("--only", metavar="RUN,…", help="these runs or references alone")
     add("--first", type=Path, metavar="FILE", help="weights in place of the run `first`")
     add("--demos", type=Path, metavar="DIR", help="demonstrations that are elsewhere")
     add("--workers", type=int, metavar="N", help="of the server; default: one per processor")
@@ -91,9 +92,9 @@ def run(arguments: argparse.Namespace) -> None:
     expected = make_results.committed(study)
     chain.do(steps)
     tables = chain.out / "tables"
-    found = make_results.write(study, chain.out, tables)
+    found = make_results.write(study, chain.out, tables, first=arguments.first)
     if arguments.publish:
-        make_results.publish(study, chain.out)
+        make_results.publish(study, chain.out, first=arguments.first)
     for line in make_results.beside(found, expected):
         print(line)
     say(f"Tables: {tables / make_results.PAGE}")

@@ -52,9 +52,10 @@ class Reproduction:
         self.out: Path = options.out
         self.demos: Path = options.demos or self.out / "demos"
         self.data: Path = self.out / "data"
-        chosen = options.only.split(",") if options.only else [run.name for run in study.runs]
-        self.runs = [study.run(name) for name in chosen]
-        self.references = () if options.only else REFERENCES
+        every = [*(run.name for run in study.runs), *REFERENCES]
+        chosen = options.only.split(",") if options.only else every
+        self.references = [name for name in REFERENCES if name in chosen]
+        self.runs = [study.run(name) for name in chosen if name not in REFERENCES]
         self._timing = threading.Lock()
 
     def hold(self) -> None:

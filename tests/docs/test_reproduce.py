@@ -84,6 +84,11 @@ def test_some_of_it_is_asked_for_by_name(
     assert " 2 × second (seek-s2, twin-s2):" in output
     assert "evaluation" not in output
 
+    _, output, _ = said(capfd, monkeypatch, "--plan", "--out", tmp_path, "--only", "amnesiac")
+
+    assert output.splitlines()[1].startswith("   1 × reference (amnesiac):")
+    assert len(output.splitlines()) == 3
+
 
 @pytest.mark.parametrize(
     ("only", "message"),

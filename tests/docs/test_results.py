@@ -149,6 +149,44 @@ def test_the_latest_evaluation_of_a_run_counts_not_the_best(tmp_path: Path) -> N
     assert found["success"]["rates"]["seek"]["overall"]["successes"] == 0
 
 
+def test_what_another_folder_has_of_the_same_first_phase_stays(
+    tmp_path: Path, results: dict[str, Any]
+) -> None:
+    studies.measured(SMALL, tmp_path / "data", without=tuple(results["runs"]))
+    (tmp_path / "first").write_bytes(studies.header(SMALL.run("first")))
+
+    found = make_results.collected(
+        SMALL, tmp_path, first=tmp_path / "first", before=json.loads(json.dumps(results))
+    )
+
+    assert set(found["runs"]) == {run.name for run in SMALL.measured}
+    assert found["first"]["samples_per_second"] == results["first"]["samples_per_second"] == 51.0
+    assert found["success"]["rates"]["seek"] == results["success"]["rates"]["seek"]
+
+
+def test_what_is_of_another_first_phase_goes(tmp_path: Path, results: dict[str, Any]) -> None:
+    studies.measured(SMALL, tmp_path / "data", without=tuple(results["runs"]))
+    results["first"]["sha256"] = "0" * 64
+    for record in results["runs"].values():
+        record["provenance"]["start"] = "0" * 64
+    (tmp_path / "first").write_bytes(studies.header(SMALL.run("first")))
+
+    found = make_results.collected(SMALL, tmp_path, first=tmp_path / "first", before=results)
+
+    assert set(found["runs"]) == {LACKING}
+    assert set(found["references"]) == {"expert"}
+
+
+def test_a_second_phase_takes_what_it_took_of_the_machine(out: Path, tmp_path: Path) -> None:
+    found = make_results.collected(SMALL, out)
+    assert make_results.times(out, found)["seconds"]["second"] == 1800.0
+
+    spent = {"first": {"first": 60.0}, "second": {run.name: 900.0 for run in SMALL.measured}}
+    (tmp_path / "times.json").write_text(json.dumps(spent))
+
+    assert make_results.times(tmp_path, found)["seconds"] == {"first": 1800.0, "second": 900.0}
+
+
 # --- the page ---
 
 
