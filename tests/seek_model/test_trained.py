@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from hide_tasks import SUITES
 from seek_model import policy, trained
 from seek_model.checkpoint_header import BadCheckpoint
 from tests.seek_model.checkpoints import tiny_checkpoint
@@ -66,3 +67,16 @@ def test_what_comes_along_is_small_in_half_precision_and_loads(name: str) -> Non
     kinds = {tensor.dtype for tensor in found.header.tensors.values()}
     assert "F32" not in kinds and "F16" in kinds
     policy.load(found.path)
+
+
+@pytest.mark.parametrize("name", HERE)
+def test_what_comes_along_learnt_every_task_of_the_suite(name: str) -> None:
+    origin = trained.read(name).header.provenance
+
+    assert origin.suite == "hide"
+    assert set(origin.tasks) == set(SUITES["hide"])
+
+
+@pytest.mark.parametrize("name", [name for name in HERE if name in trained.POLICIES])
+def test_both_policies_went_on_from_the_first_phase_that_comes_along(name: str) -> None:
+    assert trained.read(name).header.provenance.start == trained.read(trained.STAGE_ONE).sha256
