@@ -27,7 +27,7 @@ check: setup ## Lint, format, types, import rules
 	$(BIN)/lint-imports
 
 gates: setup ## Run every gate on every episode and record the result
-	$(BIN)/python -m hide_tasks.gates
+	OPENBLAS_CORETYPE=Haswell $(BIN)/python -m hide_tasks.gates
 
 reproduce: setup ## Repeat the study: data, trainings, evaluations, tables; TINY=1: the same in minutes
 	$(BIN)/python -m docs.reproduce $(if $(TINY),--tiny) $(ARGS)

@@ -1,18 +1,26 @@
 """What of a machine can change the last bit of a simulation."""
 
 import platform
+from functools import lru_cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
+
+import numpy as np
+from threadpoolctl import threadpool_info
 
 LIBRARIES = ("numpy", "numba", "pybullet")
 DECISIVE = ("fma", "avx2", "avx512f")  # instruction sets that libm and numba choose between
 
 
 def fingerprint() -> dict[str, str]:
-    """Processor, instruction sets, C library and versions; equal ones give equal state hashes."""
+    """Processor, instruction sets, kernels of linear algebra, C library and versions.
+
+    Equal ones give equal state hashes.
+    """
     facts = {
         "processor": _cpu_fact("model name") or platform.processor() or platform.machine(),
         "instructions": " ".join(_instructions()),
+        "blas": _blas(),
         "libc": " ".join(platform.libc_ver()).strip() or platform.system(),
         "python": platform.python_version(),
     }
@@ -25,6 +33,16 @@ def installed(package: str) -> str | None:
         return version(package)
     except PackageNotFoundError:
         return None
+
+
+@lru_cache(maxsize=1)
+def _blas() -> str:
+    """NumPy's linear algebra and the kernels that it chose when loaded: 'openblas Haswell'."""
+    home = str(Path(np.__file__).parent)
+    for library in threadpool_info():
+        if library["user_api"] == "blas" and library["filepath"].startswith(home):
+            return f"{library['internal_api']} {library.get('architecture', '')}".strip()
+    return "unknown"
 
 
 def _instructions() -> list[str]:

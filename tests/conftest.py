@@ -5,9 +5,13 @@ import signal
 
 from hypothesis import settings
 
+from server.kernels import settle_kernels
+
 # Tests run side by side, one for each core; where torch took two threads for each of them, those of
 # SEEK took 163 s instead of 91. Set before torch is imported, here and in every process below.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
+
+settle_kernels()  # before a test loads NumPy: recorded hashes then hold on more machines
 
 # A shell that runs this in the background has it ignore Ctrl-C, and so would all that tests start.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
